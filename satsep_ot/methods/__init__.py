@@ -1,0 +1,1 @@
+"""Active subspaces, polynomial regression and reliability for any OpenTURNS function."""

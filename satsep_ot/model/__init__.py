@@ -1,0 +1,1 @@
+"""The separation as an OpenTURNS function, distribution and events, built from a case file."""

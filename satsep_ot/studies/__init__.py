@@ -1,0 +1,1 @@
+"""Whole studies: the chain from a case to probabilities, tables and figures."""

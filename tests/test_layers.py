@@ -1,0 +1,48 @@
+"""Each layer imports only downwards: dynamics knows no OpenTURNS, methods know no satellite."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import satsep_ot
+
+PACKAGE = Path(satsep_ot.__file__).parent
+ALLOWED = {
+    "dynamics": {"numpy", "numba", "scipy", "satsep_ot.dynamics"},
+    "model": {"numpy", "openturns", "satsep_ot.dynamics", "satsep_ot.model"},
+    "methods": {"numpy", "scipy", "openturns", "satsep_ot.methods"},
+    "studies": {"numpy", "scipy", "openturns", "matplotlib", "satsep_ot"},
+}
+STANDARD_LIBRARY = {
+    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "enum", "functools", "importlib", "io",
+    "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time", "tomllib", "types", "typing",
+    "warnings",
+}  # fmt: skip
+
+
+def imported_modules(path: Path):
+    """The full names of the modules that a source file imports."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            yield node.module
+
+
+@pytest.mark.parametrize("layer", sorted(ALLOWED))
+def test_layer_imports_only_downwards(layer):
+    files = sorted((PACKAGE / layer).rglob("*.py"))
+    assert files
+    for path in files:
+        for module in imported_modules(path):
+            if module.split(".")[0] in STANDARD_LIBRARY:
+                continue
+            permitted = any(module == name or module.startswith(name + ".") for name in ALLOWED[layer])
+            assert permitted, f"{path.relative_to(PACKAGE)} imports {module}, which {layer} must not know"
+
+
+def test_methods_know_no_satellite():
+    for path in sorted((PACKAGE / "methods").rglob("*.py")):
+        assert "satellite" not in path.read_text(encoding="utf-8").lower(), path
