@@ -1,0 +1,544 @@
+"""Multivariate orthonormal polynomials on arrays: evaluation, derivatives, least squares.
+
+Everything is term-major: the basis at ``n`` points is an array (terms, points) whose transpose is
+the column-major matrix that LAPACK factorises in place.
+"""
+
+import functools
+import math
+
+import numpy as np
+from scipy import linalg, sparse
+
+# Points evaluated together: the tables of one block stay in the second-level cache.
+BLOCK_SIZE = 1024
+# Above this number of entries the product of the two half bases is done by degree instead of as one dense product.
+DENSE_SPLIT_SIZE = 400
+
+
+def hermite_recurrence(degree: int) -> np.ndarray:
+    """Recurrence of the Hermite polynomials that are orthonormal for the standard normal law.
+
+    Parameters
+    ----------
+    degree : int
+        Highest degree needed.
+
+    Returns
+    -------
+    ndarray (degree, 3)
+        Rows (a, b, c) of P_{k+1}(x) = (a x + b) P_k(x) + c P_{k-1}(x).
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.polynomial_basis import hermite_recurrence
+    >>> hermite_recurrence(2).round(4).tolist()
+    [[1.0, 0.0, -0.0], [0.7071, 0.0, -0.7071]]
+    """
+    order = np.arange(degree)
+    return np.column_stack([1.0 / np.sqrt(order + 1.0), np.zeros(degree), -np.sqrt(order / (order + 1.0))])
+
+
+def total_degree_indices(dimension: int, degree: int, norm: float = 1.0) -> np.ndarray:
+    """Exponents alpha with (sum alpha_i^norm)^(1/norm) <= degree, by total degree.
+
+    ``norm`` = 1 is the total-degree set, ``norm`` < 1 the hyperbolic set of Blatman and Sudret (2011).
+
+    Returns
+    -------
+    ndarray of int (terms, dimension)
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.polynomial_basis import total_degree_indices
+    >>> total_degree_indices(2, 2).tolist()
+    [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]
+    >>> len(total_degree_indices(2, 4, norm=0.5))
+    9
+    """
+    indices = [((), 0.0)]
+    budget = degree**norm * (1.0 + 1e-12)
+    for _ in range(dimension):
+        indices = [
+            (alpha + (order,), used + order**norm)
+            for alpha, used in indices
+            for order in range(degree + 1)
+            if used + (order**norm if order else 0.0) <= budget
+        ]
+    alphas = [alpha for alpha, _ in indices]
+
+    def position(alpha):
+        # By degree, then by the last variable used, then by its exponent, then as the parent: so the parents of
+        # consecutive terms are consecutive too, and whole blocks of terms are one multiplication.
+        key = [sum(alpha)]
+        for variable in reversed(range(dimension)):
+            if alpha[variable]:
+                key += [variable, alpha[variable]]
+                alpha = alpha[:variable] + (0,) * (dimension - variable)
+        return key
+
+    return np.array(sorted(alphas, key=position), dtype=np.int64).reshape(len(alphas), dimension)
+
+
+class PolynomialBasis:
+    """Tensor products of orthonormal polynomials over a downward closed index set.
+
+    Parameters
+    ----------
+    dimension : int
+        Number of variables; with 0 there is the constant alone.
+    degree : int
+        Highest degree, at least 0.
+    norm : float
+        1 for the total-degree set, in (0, 1) for a hyperbolic one.
+    recurrence : ndarray (dimension, degree, 3), optional
+        Three-term recurrence of each variable's family, see :func:`hermite_recurrence` (the default).
+
+    Attributes
+    ----------
+    indices : ndarray of int (size, dimension)
+        Exponents of each term; the first term is the constant.
+    size : int
+        Number of terms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.polynomial_basis import PolynomialBasis
+    >>> basis = PolynomialBasis(2, 2)
+    >>> basis.evaluate(np.array([[1.0, 3.0]]))[:, 0].round(4).tolist()
+    [1.0, 1.0, 3.0, 0.0, 3.0, 5.6569]
+    """
+
+    def __init__(self, dimension: int, degree: int, norm: float = 1.0, recurrence: np.ndarray | None = None):
+        if dimension < 0:
+            raise ValueError(f"The dimension of a polynomial basis must be at least 0, got {dimension}.")
+        if degree < 0:
+            raise ValueError(f"The degree of a polynomial basis must be at least 0, got {degree}.")
+        if not 0.0 < norm <= 1.0:
+            raise ValueError(f"The norm of the index set must be in (0, 1], got {norm}.")
+        if recurrence is None:
+            recurrence = np.broadcast_to(hermite_recurrence(degree), (dimension, degree, 3))
+        recurrence = np.asarray(recurrence, dtype=float)
+        if recurrence.shape != (dimension, degree, 3):
+            raise ValueError(f"The recurrence must have shape {(dimension, degree, 3)}, got {recurrence.shape}.")
+        self.dimension = dimension
+        self.degree = degree
+        self.norm = norm
+        self.recurrence = recurrence
+        self.indices = total_degree_indices(dimension, degree, norm)
+        self.size = len(self.indices)
+        self._blocks = self._multiplication_blocks()
+
+    def __repr__(self):
+        return f"PolynomialBasis(dimension={self.dimension}, degree={self.degree}, size={self.size})"
+
+    def _multiplication_blocks(self):
+        """Runs of consecutive terms: (first, last, first parent, variable, exponent)."""
+        position = {tuple(alpha): term for term, alpha in enumerate(self.indices.tolist())}
+        blocks = []
+        for term, alpha in enumerate(self.indices.tolist()):
+            if term == 0:
+                continue
+            variable = max(i for i, order in enumerate(alpha) if order)
+            parent = position[tuple(alpha[:variable] + [0] * (self.dimension - variable))]
+            if blocks:
+                first, last, first_parent, *factor = blocks[-1]
+                if factor == [variable, alpha[variable]] and parent == first_parent + last - first:
+                    blocks[-1][1] = term + 1
+                    continue
+            blocks.append([term, term + 1, parent, variable, alpha[variable]])
+        return blocks
+
+    def _univariate(self, points):
+        """Values (degree + 1, dimension, n) of each variable's polynomials at points (n, dimension)."""
+        x = np.ascontiguousarray(points.T)
+        table = np.empty((self.degree + 1, *x.shape))
+        table[0] = 1.0
+        for order in range(self.degree):
+            a, b, c = self.recurrence[:, order].T[:, :, None]
+            np.multiply(a, x, out=table[order + 1])
+            if b.any():
+                table[order + 1] += b
+            table[order + 1] *= table[order]
+            if order:
+                table[order + 1] += c * table[order - 1]
+        return table
+
+    def _points(self, points):
+        points = np.asarray(points, dtype=float)
+        if points.ndim != 2 or points.shape[1] != self.dimension:
+            raise ValueError(f"The points must have shape (n, {self.dimension}), got {points.shape}.")
+        return points
+
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
+        """Values of all terms.
+
+        Parameters
+        ----------
+        points : ndarray (n, dimension)
+
+        Returns
+        -------
+        ndarray (size, n)
+        """
+        points = self._points(points)
+        values = np.empty((self.size, len(points)))
+        for start in range(0, len(points), BLOCK_SIZE):
+            self._evaluate_block(points[start : start + BLOCK_SIZE], values[:, start : start + BLOCK_SIZE])
+        return values
+
+    def _evaluate_block(self, points, values):
+        table = self._univariate(points)
+        values[0] = 1.0
+        for first, last, parent, variable, order in self._blocks:
+            if parent == 0:
+                values[first] = table[order, variable]
+            else:
+                np.multiply(values[parent : parent + last - first], table[order, variable], out=values[first:last])
+
+    @functools.cached_property
+    def _split(self):
+        """The two half bases, where each term sits in them, and the blocks of the table of coefficients."""
+        half = (self.dimension + 1) // 2
+        left = PolynomialBasis(half, self.degree, self.norm, self.recurrence[:half])
+        right = PolynomialBasis(self.dimension - half, self.degree, self.norm, self.recurrence[half:])
+        left_position = {tuple(alpha): term for term, alpha in enumerate(left.indices.tolist())}
+        right_position = {tuple(alpha): term for term, alpha in enumerate(right.indices.tolist())}
+        rows = np.array([left_position[tuple(alpha[:half])] for alpha in self.indices.tolist()])
+        columns = np.array([right_position[tuple(alpha[half:])] for alpha in self.indices.tolist()])
+        if left.size * right.size <= DENSE_SPLIT_SIZE:
+            groups = [(0, left.size, right.size)]
+        else:
+            left_degree = left.indices.sum(axis=1)
+            groups = []
+            for degree in range(self.degree + 1):
+                first, last = np.searchsorted(left_degree, [degree, degree + 1])
+                if last > first:
+                    width = int(columns[(rows >= first) & (rows < last)].max()) + 1
+                    groups.append((int(first), int(last), width))
+        return left, right, rows, columns, groups
+
+    def predict(self, points: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Values of the polynomials sum_k coefficients[k] psi_k.
+
+        The variables are split in two halves, so that the work is in one matrix product of two small bases
+        instead of in a product for every term.
+
+        Parameters
+        ----------
+        points : ndarray (n, dimension)
+        coefficients : ndarray (size,) or (size, p)
+
+        Returns
+        -------
+        ndarray (n,) or (n, p)
+        """
+        points = self._points(points)
+        coefficients = np.asarray(coefficients, dtype=float)
+        columns = coefficients.reshape(self.size, -1)
+        result = np.empty((columns.shape[1], len(points)))
+        if self.dimension == 0:
+            result[:] = columns.T
+        elif self.dimension == 1:
+            for start in range(0, len(points), BLOCK_SIZE):
+                table = self._univariate(points[start : start + BLOCK_SIZE])[:, 0]
+                result[:, start : start + BLOCK_SIZE] = columns.T @ table
+        else:
+            left, right, rows, positions, groups = self._split
+            tables = np.zeros((columns.shape[1], left.size, right.size))
+            tables[:, rows, positions] = columns.T
+            parts = [[np.ascontiguousarray(t[first:last, :width]) for first, last, width in groups] for t in tables]
+            for start in range(0, len(points), BLOCK_SIZE):
+                block = points[start : start + BLOCK_SIZE]
+                left_values = np.empty((left.size, len(block)))
+                right_values = np.empty((right.size, len(block)))
+                inner = np.empty((left.size, len(block)))
+                left._evaluate_block(block[:, : left.dimension], left_values)
+                right._evaluate_block(block[:, left.dimension :], right_values)
+                for output, part in enumerate(parts):
+                    for (first, last, width), table in zip(groups, part, strict=True):
+                        np.matmul(table, right_values[:width], out=inner[first:last])
+                    inner *= left_values
+                    np.sum(inner, axis=0, out=result[output, start : start + BLOCK_SIZE])
+        return result[0] if coefficients.ndim == 1 else np.ascontiguousarray(result.T)
+
+    @functools.cached_property
+    def derivatives(self) -> list:
+        """For each variable the sparse matrix D (size, size) with d psi / d x_j = D psi."""
+        position = {tuple(alpha): term for term, alpha in enumerate(self.indices.tolist())}
+        matrices = []
+        for variable in range(self.dimension):
+            univariate = self._univariate_derivative(variable)
+            rows, columns, entries = [], [], []
+            for term, alpha in enumerate(self.indices.tolist()):
+                for order in np.flatnonzero(univariate[alpha[variable]]):
+                    rows.append(term)
+                    columns.append(position[tuple(alpha[:variable] + [int(order)] + alpha[variable + 1 :])])
+                    entries.append(univariate[alpha[variable], order])
+            matrices.append(sparse.csr_array((entries, (rows, columns)), shape=(self.size, self.size)))
+        return matrices
+
+    def _univariate_derivative(self, variable):
+        """Matrix d with P_k' = sum_m d[k, m] P_m, by differentiating the recurrence."""
+        a, b, c = self.recurrence[variable].T
+        size = self.degree + 1
+        # Multiplication by x in the basis; its last row is never used, since P_k' has degree k - 1.
+        shift = np.zeros((size, size))
+        for order in range(self.degree):
+            shift[order, order + 1] = 1.0 / a[order]
+            shift[order, order] = -b[order] / a[order]
+            if order:
+                shift[order, order - 1] = -c[order] / a[order]
+        derivative = np.zeros((size, size))
+        for order in range(self.degree):
+            derivative[order + 1] = a[order] * (derivative[order] @ shift) + b[order] * derivative[order]
+            derivative[order + 1, order] += a[order]
+            if order:
+                derivative[order + 1] += c[order] * derivative[order - 1]
+        # What should vanish does so only up to rounding.
+        derivative[np.abs(derivative) < 1e-13 * max(np.abs(derivative).max(initial=0.0), 1.0)] = 0.0
+        return derivative
+
+    def derivative_coefficients(self, coefficients: np.ndarray, variable: int) -> np.ndarray:
+        """Coefficients, in this basis, of the polynomial's derivative in one variable (same shape)."""
+        return self.derivatives[variable].T @ np.asarray(coefficients, dtype=float)
+
+    def predict_gradient(self, points: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Gradients of the polynomials.
+
+        Returns
+        -------
+        ndarray (n, dimension) for coefficients (size,), (n, dimension, p) for (size, p)
+        """
+        coefficients = np.asarray(coefficients, dtype=float)
+        stacked = np.stack([self.derivative_coefficients(coefficients, j) for j in range(self.dimension)], axis=1)
+        values = self.predict(points, stacked.reshape(self.size, -1))
+        return values.reshape(len(values), *stacked.shape[1:])
+
+    def predict_hessian(self, points: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+        """Second derivatives of the polynomials: ndarray (n, dimension, dimension) or (n, dimension, dimension, p)."""
+        coefficients = np.asarray(coefficients, dtype=float)
+        rows = [self.derivative_coefficients(coefficients, j) for j in range(self.dimension)]
+        stacked = np.stack(
+            [np.stack([self.derivative_coefficients(row, k) for k in range(self.dimension)], axis=1) for row in rows],
+            axis=1,
+        )
+        values = self.predict(points, stacked.reshape(self.size, -1))
+        return values.reshape(len(values), *stacked.shape[1:])
+
+
+def number_of_terms(dimension: int, degree: int) -> int:
+    """Number of terms of the total-degree basis: binomial(dimension + degree, degree)."""
+    return math.comb(dimension + degree, degree)
+
+
+class PolynomialFit:
+    """A polynomial fitted by weighted least squares; made by :func:`fit_polynomial`.
+
+    Attributes
+    ----------
+    basis : PolynomialBasis
+    coefficients : ndarray (size,) or (size, p)
+    residuals : ndarray (n,) or (n, p)
+        values - prediction at the training points, not weighted.
+    rank : int
+        Numerical rank of the weighted design; less than ``basis.size`` means the minimum-norm solution.
+    condition : float
+        Condition number of the weighted design (an estimate in the 1-norm unless the rank is deficient).
+    """
+
+    def __init__(self, basis, points, values, weights, coefficients, residuals, factor, rank, condition):
+        self.basis = basis
+        self.coefficients = coefficients
+        self.residuals = residuals
+        self.rank = rank
+        self.condition = condition
+        self._points = points
+        self._values = values
+        self._weights = weights
+        # Matrix (size, rank) that turns a basis vector psi into the row psi^T factor of the orthonormal design.
+        self._factor = factor
+
+    def predict(self, points):
+        """Values at points (n, dimension): ndarray (n,) or (n, p)."""
+        return self.basis.predict(points, self.coefficients)
+
+    def predict_gradient(self, points):
+        """Gradients at points: ndarray (n, dimension) or (n, dimension, p)."""
+        return self.basis.predict_gradient(points, self.coefficients)
+
+    def orthonormal_rows(self, points):
+        """Rows q (n, rank) with |q|^2 the variance of the prediction over the noise variance (weight 1)."""
+        values = self.basis.evaluate(points)
+        if self.rank < self.basis.size:
+            return values.T @ self._factor
+        return linalg.solve_triangular(self._factor, values, trans="T", check_finite=False).T
+
+    @functools.cached_property
+    def _training_rows(self):
+        rows = self.orthonormal_rows(self._points)
+        if self._weights is not None:
+            rows *= np.sqrt(self._weights)[:, None]
+        return rows
+
+    @functools.cached_property
+    def leverages(self):
+        """Diagonal (n,) of the hat matrix of the weighted problem."""
+        return np.einsum("ij,ij->i", self._training_rows, self._training_rows)
+
+    @property
+    def noise_variance(self):
+        """Weighted residual sum of squares over n - rank, per output (nan when n = rank)."""
+        squares = self.residuals**2
+        if self._weights is not None:
+            squares = (squares.T * self._weights).T
+        freedom = len(squares) - self.rank
+        return squares.sum(axis=0) / freedom if freedom else squares.sum(axis=0) * np.nan
+
+    def relative_variance(self, points):
+        """Variance (n,) of the fitted mean over the noise variance."""
+        rows = self.orthonormal_rows(points)
+        return np.einsum("ij,ij->i", rows, rows)
+
+    def leave_one_out(self):
+        """Prediction errors of the fits without each point, e_i / (1 - h_i): same shape as the residuals.
+
+        A point of leverage 1 cannot be predicted by the others: its error is infinite.
+        """
+        slack = 1.0 - self.leverages
+        lost = slack < 1e-12
+        slack[lost] = np.nan
+        errors = (self.residuals.T / slack).T
+        errors[lost] = np.inf
+        return errors
+
+    def k_fold(self, folds):
+        """Prediction errors of the fits without each fold, (I - H_kk)^-1 e_k.
+
+        Parameters
+        ----------
+        folds : sequence of int ndarrays
+            Disjoint sets of positions; positions in none of them get nan.
+
+        Returns
+        -------
+        ndarray, same shape as the residuals; a fold that the others cannot predict gets inf.
+        """
+        errors = np.full_like(self.residuals, np.nan)
+        for fold in folds:
+            rows = self._training_rows[fold]
+            scale = np.ones(len(fold)) if self._weights is None else np.sqrt(self._weights[fold])
+            shape = (len(fold),) + (1,) * (self.residuals.ndim - 1)
+            matrix = np.eye(len(fold)) - rows @ rows.T
+            try:
+                factor = linalg.cho_factor(matrix)
+            except linalg.LinAlgError:
+                errors[fold] = np.inf
+                continue
+            weighted = scale.reshape(shape) * self.residuals[fold]
+            # A weight of 0 contributes nothing to the fit, so such a point is always out of sample.
+            solved = linalg.cho_solve(factor, weighted)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                held_out = solved / scale.reshape(shape)
+            errors[fold] = np.where(scale.reshape(shape) > 0.0, held_out, self.residuals[fold])
+        return errors
+
+
+def fit_polynomial(
+    basis: PolynomialBasis,
+    points: np.ndarray,
+    values: np.ndarray,
+    weights: np.ndarray | None = None,
+    allow_deficient: bool = False,
+) -> PolynomialFit:
+    """Weighted least squares on a polynomial basis, by Householder QR (LAPACK dgeqrf), SVD when deficient.
+
+    Parameters
+    ----------
+    basis : PolynomialBasis
+    points : ndarray (n, dimension)
+    values : ndarray (n,) or (n, p)
+    weights : ndarray (n,), optional
+        Not negative; the sum of weights * residual^2 is minimised.
+    allow_deficient : bool
+        False: a rank below the number of terms is refused. True: the solution of minimum norm is returned.
+
+    Raises
+    ------
+    ValueError
+        Shapes, non-finite data, negative weights, rank below the number of terms.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
+    >>> points = np.linspace(-2.0, 2.0, 9)[:, None]
+    >>> fit = fit_polynomial(PolynomialBasis(1, 2), points, points[:, 0] ** 2)
+    >>> fit.coefficients.round(4).tolist()
+    [1.0, 0.0, 1.4142]
+    """
+    points = np.asarray(points, dtype=float)
+    values = np.asarray(values, dtype=float)
+    if values.ndim not in (1, 2) or len(values) != len(points):
+        raise ValueError(f"The values must have shape ({len(points)},) or ({len(points)}, p), got {values.shape}.")
+    if not (np.isfinite(points).all() and np.isfinite(values).all()):
+        bad = ~(np.isfinite(points).all(axis=1) & np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+        raise ValueError(f"A fit needs finite data, but {bad.sum()} rows are not, the first is row {bad.argmax()}.")
+    design = basis.evaluate(points)
+    scale = None
+    if weights is not None:
+        weights = np.asarray(weights, dtype=float)
+        if weights.shape != (len(points),) or not (np.isfinite(weights).all() and (weights >= 0.0).all()):
+            raise ValueError(f"The weights must be {len(points)} finite numbers >= 0.")
+        scale = np.sqrt(weights)
+        design *= scale
+    target = values if scale is None else (values.T * scale).T
+    size = basis.size
+    if len(points) < size and not allow_deficient:
+        raise ValueError(
+            f"A polynomial of {size} terms needs at least {size} points, got {len(points)}: "
+            "give more points or lower the degree."
+        )
+    if len(points) >= size:
+        coefficients, triangle, condition = _solve_by_qr(design, target)
+        if condition < 1.0 / (size * np.finfo(float).eps):
+            residuals = values - basis.predict(points, coefficients)
+            return PolynomialFit(basis, points, values, weights, coefficients, residuals, triangle, size, condition)
+        design = basis.evaluate(points)
+        if scale is not None:
+            design *= scale
+    left, singular, right = linalg.svd(design.T, full_matrices=False, check_finite=False)
+    rank = int((singular > singular[0] * max(design.shape) * np.finfo(float).eps).sum())
+    if rank < size and not allow_deficient:
+        raise ValueError(
+            f"The polynomial has {size} terms but the {len(points)} points give rank {rank} only: "
+            "points are repeated, lie in a lower dimension or have weight 0; give more points or lower the degree."
+        )
+    factor = right[:rank].T / singular[:rank]
+    coefficients = factor @ (left[:, :rank].T @ target)
+    residuals = values - basis.predict(points, coefficients)
+    condition = singular[0] / singular[-1] if singular[-1] > 0.0 else np.inf
+    if rank == size:
+        # The triangular factor is what the rest of the class works with at full rank.
+        factor = linalg.qr(design.T, mode="r", check_finite=False)[0][:size]
+    return PolynomialFit(basis, points, values, weights, coefficients, residuals, factor, rank, condition)
+
+
+def _solve_by_qr(design, target):
+    """Coefficients, triangular factor and condition estimate; ``design`` (terms, points) is overwritten."""
+    size = len(design)
+    geqrf, ormqr, trtrs, trcon = linalg.get_lapack_funcs(("geqrf", "ormqr", "trtrs", "trcon"), (design,))
+    work_size = int(linalg.get_lapack_funcs("geqrf_lwork")(design.shape[1], size)[0])
+    factored, tau, _, info = geqrf(design.T, lwork=work_size, overwrite_a=1)
+    columns = np.asfortranarray(target.reshape(len(target), -1))
+    work_size = int(ormqr("L", "T", factored, tau, columns, -1)[1][0])
+    rotated, _, info = ormqr("L", "T", factored, tau, columns, work_size)
+    triangle = np.triu(factored[:size])
+    reciprocal, info = trcon(triangle, norm="1", uplo="U")
+    if reciprocal == 0.0:
+        return None, triangle, np.inf
+    solution, info = trtrs(triangle, rotated[:size])
+    if info:
+        return None, triangle, np.inf
+    return solution.reshape(size, *target.shape[1:]), triangle, 1.0 / reciprocal
