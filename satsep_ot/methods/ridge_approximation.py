@@ -334,10 +334,10 @@ def _finish(directions, points, values, degree, weights, varying, converged, ite
     dimension = directions.shape[1]
     basis = PolynomialBasis(dimension, degree)
     polynomial = fit_polynomial(basis, points @ directions, values, weights, allow_deficient=True)
-    slopes = polynomial.predict_gradient(points @ directions).reshape(len(points), dimension, -1)
     weight = np.ones(len(points)) if weights is None else weights
-    covariance = np.einsum("nip,njp,n->ij", slopes, slopes, weight)
     if dimension:
+        slopes = polynomial.predict_gradient(points @ directions).reshape(len(points), dimension, -1)
+        covariance = np.einsum("nip,njp,n->ij", slopes, slopes, weight)
         directions = orient(directions @ linalg.eigh(covariance)[1][:, ::-1])
         polynomial = fit_polynomial(basis, points @ directions, values, weights, allow_deficient=True)
     residual = (polynomial.residuals.reshape(len(points), -1) ** 2 * weight[:, None]).sum(axis=0)
