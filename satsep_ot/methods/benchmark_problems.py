@@ -1,0 +1,443 @@
+"""Reliability problems whose probability of failure is known, to test methods on.
+
+A problem is a vectorised function of an ``(n, d)`` array, an input distribution, a limit and a reference probability
+with its source. `getBenchmarkProblems` lists them all; to add one, write a function that returns a `BenchmarkProblem`
+and name it in ``_FACTORIES``.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import openturns as ot
+
+__all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblems"]
+
+
+class BenchmarkProblem:
+    """A failure event with a known probability.
+
+    The event is ``composition(components(X)) <= 0``.
+
+    Parameters
+    ----------
+    name : str
+        Short unique name.
+    distribution : :py:class:`openturns.Distribution`
+        Distribution of the d inputs.
+    components : callable
+        Maps an ``(n, d)`` array on an ``(n, p)`` array of smooth outputs.
+    outputDimension : int
+        p.
+    composition : callable, optional
+        Maps an ``(n, p)`` array on the ``(n,)`` values of the limit state function. By default p is 1 and the component
+        is the limit state function.
+    probability : float
+        Reference probability of failure.
+    source : str
+        Where the reference comes from.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+    >>> problem = getBenchmarkProblem("P1")
+    >>> problem.getEvent().getFunction().getInputDimension()
+    100
+    >>> print(f"{problem.getProbability():.4e}")
+    2.3263e-04
+    """
+
+    def __init__(
+        self,
+        name: str,
+        distribution: ot.Distribution,
+        components: Callable,
+        probability: float,
+        source: str,
+        outputDimension: int = 1,
+        composition: Callable | None = None,
+    ):
+        self._name = name
+        self._distribution = distribution
+        self._components = components
+        self._outputDimension = outputDimension
+        self._composition = composition
+        self._probability = probability
+        self._source = source
+
+    def __repr__(self):
+        return f"BenchmarkProblem(name={self._name}, probability={self._probability:.4e})"
+
+    def getName(self) -> str:
+        """Accessor to the short name."""
+        return self._name
+
+    def getProbability(self) -> float:
+        """Accessor to the reference probability of failure."""
+        return self._probability
+
+    def getSource(self) -> str:
+        """Where the reference probability comes from."""
+        return self._source
+
+    def getDistribution(self) -> ot.Distribution:
+        """Accessor to the distribution of the inputs."""
+        return self._distribution
+
+    def evaluate(self, inputs: np.ndarray) -> np.ndarray:
+        """The limit state function, at most 0 in failure.
+
+        Parameters
+        ----------
+        inputs : array (n, d)
+
+        Returns
+        -------
+        values : array (n,)
+        """
+        values = self._components(np.asarray(inputs, dtype=float))
+        return values.reshape(-1) if self._composition is None else self._composition(values)
+
+    def getFunction(self) -> ot.Function:
+        """The limit state function as an OpenTURNS function with one output."""
+        return _batchFunction(self._distribution.getDimension(), 1, lambda x: self.evaluate(x)[:, None])
+
+    def getEvent(self) -> ot.ThresholdEvent:
+        """The event: limit state function at most 0."""
+        vector = ot.CompositeRandomVector(self.getFunction(), ot.RandomVector(self._distribution))
+        return ot.ThresholdEvent(vector, ot.LessOrEqual(), 0.0)
+
+    def getComponents(self) -> tuple[ot.Function, ot.Function]:
+        """The smooth components and the composition that turns them into the limit state function.
+
+        Returns
+        -------
+        function, composition : pair of :py:class:`openturns.Function`
+        """
+        p = self._outputDimension
+        function = _batchFunction(self._distribution.getDimension(), p, lambda x: self._components(x).reshape(-1, p))
+        if self._composition is None:
+            composition = ot.IdentityFunction(1)
+        else:
+            composition = _batchFunction(p, 1, lambda y: self._composition(y)[:, None])
+        return function, composition
+
+
+def _batchFunction(inputDimension: int, outputDimension: int, evaluate: Callable) -> ot.Function:
+    return ot.PythonFunction(
+        inputDimension, outputDimension, func_sample=lambda x: evaluate(np.asarray(x, dtype=float))
+    )
+
+
+def _cosineDirection(dimension: int, index: int) -> np.ndarray:
+    """Unit vectors in general position, orthonormal for different indices from 1: those of the cosine transform."""
+    return math.sqrt(2.0 / dimension) * np.cos(math.pi * index * (np.arange(dimension) + 0.5) / dimension)
+
+
+def _gaussianExpectation(function: Callable) -> float:
+    """E[function(Z)] for a standard normal Z, by the trapezoidal rule on [-12, 12]."""
+    z = np.linspace(-12.0, 12.0, 24001)
+    return float(np.sum(function(z) * np.exp(-0.5 * z**2)) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi))
+
+
+def _normalProbability(z):
+    return np.asarray(ot.DistFunc.pNormal(np.atleast_1d(z).tolist()))
+
+
+def _linear() -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "P1",
+        ot.Normal(100),
+        lambda u: 3.5 - u.sum(axis=1) / 10.0,
+        ot.DistFunc.pNormal(-3.5),
+        "closed form Phi(-3.5)",
+    )
+
+
+def _quadratic() -> BenchmarkProblem:
+    probability = _gaussianExpectation(lambda t: _normalProbability(-(4.0 + 2.5 * t**2)))
+    return BenchmarkProblem(
+        "P2",
+        ot.Normal(40),
+        lambda u: 4.0 + 1.25 * (u[:, 0] - u[:, 1]) ** 2 - u.sum(axis=1) / math.sqrt(40.0),
+        probability,
+        "quadrature of Phi(-(4 + 5/2 t^2)); Papaioannou et al., Probabilistic Engineering Mechanics 41 (2015)",
+    )
+
+
+def _noisyRidge() -> BenchmarkProblem:
+    w = _cosineDirection(30, 1)
+
+    def evaluate(u):
+        y = u @ w
+        return 3.6 - y - 0.05 * y**2 - 0.01 * y**3 + 0.35 * np.sin(3.0 * u).sum(axis=1) / math.sqrt(30.0)
+
+    return BenchmarkProblem(
+        "P3",
+        ot.Normal(30),
+        evaluate,
+        NOISY_RIDGE_PROBABILITY,
+        "importance sampling shifted by 3 along the ridge, 2e7 points, coefficient of variation 0.05 %",
+    )
+
+
+def _twoModes() -> BenchmarkProblem:
+    q1, q2, q3 = (_cosineDirection(50, k) for k in (1, 2, 3))
+    w2 = math.cos(2.2) * q1 + math.sin(2.2) * q2
+
+    def components(u):
+        return np.column_stack([3.2 - u @ q1, 3.4 - u @ w2 + 0.2 * (u @ q3) ** 2])
+
+    # P(both safe) = E over t = u.q3 of the bivariate normal distribution function of correlation cos(2.2).
+    pair = ot.Normal([0.0] * 2, [1.0] * 2, ot.CorrelationMatrix([[1.0, math.cos(2.2)], [math.cos(2.2), 1.0]]))
+    t = np.linspace(-8.0, 8.0, 401)
+    safe = np.array([pair.computeCDF([3.2, 3.4 + 0.2 * tau**2]) for tau in t])
+    density = np.exp(-0.5 * t**2) / math.sqrt(2.0 * math.pi)
+    probability = float(np.sum((1.0 - safe) * density) * (t[1] - t[0]))
+    return BenchmarkProblem(
+        "P4",
+        ot.Normal(50),
+        components,
+        probability,
+        "quadrature of the bivariate normal distribution function",
+        outputDimension=2,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+def _radial() -> BenchmarkProblem:
+    squaredRadius = ot.ChiSquare(20.0).computeQuantile(1e-3, True)[0]
+    return BenchmarkProblem(
+        "P5",
+        ot.Normal(20),
+        lambda u: squaredRadius - (u**2).sum(axis=1),
+        1e-3,
+        "closed form: chi-square quantile",
+    )
+
+
+def _hiddenFailure() -> BenchmarkProblem:
+    q1, q2 = (_cosineDirection(20, k) for k in (1, 2))
+    probability = _gaussianExpectation(lambda a: _normalProbability(-(3.0 + np.maximum(5.0 - 0.5 * a, 0.0) / 10.0)))
+    return BenchmarkProblem(
+        "P6",
+        ot.Normal(20),
+        lambda u: 5.0 - 0.5 * (u @ q1) - 10.0 * np.maximum(u @ q2 - 3.0, 0.0),
+        probability,
+        "quadrature of Phi(-(3 + max(5 - a/2, 0)/10))",
+    )
+
+
+def _norm1() -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "P7",
+        ot.Normal(20),
+        lambda u: 29.5 - np.abs(u).sum(axis=1),
+        NORM1_PROBABILITY,
+        "sampling from N(0, 1.25^2 I), 4e7 points, coefficient of variation 0.35 %",
+    )
+
+
+def _rp8() -> BenchmarkProblem:
+    logNormal = [
+        ot.LogNormalMuSigma(mu, sigma).getDistribution() for mu, sigma in [(120, 12)] * 4 + [(50, 10), (40, 8)]
+    ]
+    return BenchmarkProblem(
+        "RP8",
+        ot.JointDistribution(logNormal),
+        lambda x: x @ np.array([1.0, 2.0, 2.0, 1.0, -5.0, -5.0]),
+        7.897928e-4,
+        "Rozsas and Slobbe, Repository and Black-box Reliability Challenge (2019), RP8",
+    )
+
+
+def _rp14() -> BenchmarkProblem:
+    distribution = ot.JointDistribution(
+        [
+            ot.Uniform(70.0, 80.0),
+            ot.Normal(39.0, 0.1),
+            ot.Gumbel(272.9, 1342.0),
+            ot.Normal(400.0, 0.1),
+            ot.Normal(250000.0, 35000.0),
+        ]
+    )
+
+    def evaluate(x):
+        stress = 32.0 / (math.pi * x[:, 1] ** 3) * np.sqrt(x[:, 2] ** 2 * x[:, 3] ** 2 / 16.0 + x[:, 4] ** 2)
+        return x[:, 0] - stress
+
+    return BenchmarkProblem(
+        "RP14",
+        distribution,
+        evaluate,
+        7.7285e-4,
+        "Rozsas and Slobbe, Repository and Black-box Reliability Challenge (2019), RP14",
+    )
+
+
+def _rp22() -> BenchmarkProblem:
+    # In the rotated axes a, b: failure when a >= 2.5 + 0.2 b^2.
+    return BenchmarkProblem(
+        "RP22",
+        ot.Normal(2),
+        lambda x: 2.5 - (x[:, 0] + x[:, 1]) / math.sqrt(2.0) + 0.1 * (x[:, 0] - x[:, 1]) ** 2,
+        _gaussianExpectation(lambda b: _normalProbability(-(2.5 + 0.2 * b**2))),
+        "quadrature; Rozsas and Slobbe (2019) give 4.207305e-3 for RP22",
+    )
+
+
+def _rp54() -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "RP54",
+        ot.JointDistribution([ot.Exponential(1.0)] * 20),
+        lambda x: x.sum(axis=1) - 8.951,
+        ot.Gamma(20.0, 1.0).computeCDF(8.951),
+        "closed form: Gamma distribution; Rozsas and Slobbe (2019) give 9.98e-4 for RP54",
+    )
+
+
+def _rp63() -> BenchmarkProblem:
+    chiSquare = ot.ChiSquare(99.0)
+    grid = np.linspace(30.0, 200.0, 20001)
+    density = np.asarray(chiSquare.computePDF(ot.Sample(grid[:, None]))).reshape(-1)
+    probability = float(np.sum(density * _normalProbability(4.5 - 0.1 * grid)) * (grid[1] - grid[0]))
+    return BenchmarkProblem(
+        "RP63",
+        ot.Normal(100),
+        lambda x: 0.1 * (x[:, 1:] ** 2).sum(axis=1) - x[:, 0] - 4.5,
+        probability,
+        "quadrature over the chi-square; Rozsas and Slobbe (2019) give 3.79e-4 for RP63",
+    )
+
+
+def _rp107() -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "RP107",
+        ot.Normal(10),
+        lambda x: 5.0 * math.sqrt(10.0) - x.sum(axis=1),
+        ot.DistFunc.pNormal(-5.0),
+        "closed form Phi(-5); Rozsas and Slobbe (2019) give 2.92e-7 for RP107",
+    )
+
+
+def _fourBranch() -> BenchmarkProblem:
+    def components(x):
+        total, difference = (x[:, 0] + x[:, 1]) / math.sqrt(2.0), x[:, 0] - x[:, 1]
+        curved = 3.0 + 0.1 * difference**2
+        linear = 7.0 / math.sqrt(2.0)
+        return np.column_stack([curved - total, curved + total, linear + difference, linear - difference])
+
+    # In the rotated axes a = total, b = difference / sqrt(2): safe when |a| < 3 + 0.2 b^2 and |b| < 3.5.
+    probability = _gaussianExpectation(
+        lambda b: np.where(np.abs(b) >= 3.5, 1.0, 2.0 * _normalProbability(-(3.0 + 0.2 * b**2)))
+    )
+    return BenchmarkProblem(
+        "FourBranch",
+        ot.Normal(2),
+        components,
+        probability,
+        "quadrature; four-branch series system of Waarts, TU Delft (2000)",
+        outputDimension=4,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+# Eight outputs of 35 inputs, each a slightly curved ridge with a little variation outside of it.
+_RIDGE_NAMES = ("speed", "rate_x", "rate_y", "rate_z", "gap_1", "gap_2", "gap_3", "gap_4")
+
+
+def _ridgeOutputs(u: np.ndarray) -> np.ndarray:
+    directions = np.array([_cosineDirection(35, k) for k in range(1, 9)])
+    y = u @ directions.T
+    remainder = 0.01 * np.sin(2.0 * u).sum(axis=1) / math.sqrt(35.0)
+    speed = 0.598 + 0.0025 * (y[:, 0] - 0.02 * y[:, 0] ** 2 + remainder)
+    rateX, rateY, rateZ = (
+        scale * (y[:, k] + 0.02 * y[:, 0] * y[:, k] + 0.01 * y[:, k] ** 2 + remainder)
+        for k, scale in ((1, 0.614), (2, 0.371), (3, 0.6))
+    )
+    gaps = []
+    for k, angle in enumerate(np.pi / 4.0 + np.arange(4) * np.pi / 2.0):
+        drift = 0.8 * (math.cos(angle) * y[:, 1] + math.sin(angle) * y[:, 3]) + 0.6 * y[:, 4 + k]
+        gaps.append(30.0 - 3.4 * (drift + 0.02 * drift**2 + remainder))
+    return np.column_stack([speed, rateX, rateY, rateZ, *gaps])
+
+
+_RIDGE_LIMITS: dict[str, Callable] = {
+    "Speed35": lambda q: (q[:, 0] - 0.590) / 0.0025,
+    "Norm35": lambda q: 2.5 - np.hypot(q[:, 1], q[:, 3]),
+    "Absolute35": lambda q: 1.0 - np.abs(q[:, 2]),
+    "Minimum35": lambda q: (q[:, 4:].min(axis=1) - 18.0) / 3.4,
+}
+_RIDGE_LIMITS["System35"] = lambda q: np.min([limit(q) for limit in list(_RIDGE_LIMITS.values())[:4]], axis=0)
+
+
+def _ridgeFactory(name: str) -> Callable[[], BenchmarkProblem]:
+    return lambda: BenchmarkProblem(
+        name,
+        ot.Normal(35),
+        _ridgeOutputs,
+        RIDGE_PROBABILITIES[name],
+        "Monte Carlo, 1e8 points",
+        outputDimension=len(_RIDGE_NAMES),
+        composition=_RIDGE_LIMITS[name],
+    )
+
+
+NOISY_RIDGE_PROBABILITY = 1.9643e-3
+NORM1_PROBABILITY = 5.190e-6
+RIDGE_PROBABILITIES = {
+    "Speed35": 1.27951e-3,
+    "Norm35": 2.4002e-4,
+    "Absolute35": 7.17186e-3,
+    "Minimum35": 1.86184e-3,
+    "System35": 1.044157e-2,
+}
+
+_FACTORIES: dict[str, Callable[[], BenchmarkProblem]] = {
+    "P1": _linear,
+    "P2": _quadratic,
+    "P3": _noisyRidge,
+    "P4": _twoModes,
+    "P5": _radial,
+    "P6": _hiddenFailure,
+    "P7": _norm1,
+    "RP8": _rp8,
+    "RP14": _rp14,
+    "RP22": _rp22,
+    "RP54": _rp54,
+    "RP63": _rp63,
+    "RP107": _rp107,
+    "FourBranch": _fourBranch,
+    **{name: _ridgeFactory(name) for name in _RIDGE_LIMITS},
+}
+
+
+def getBenchmarkProblem(name: str) -> BenchmarkProblem:
+    """The benchmark problem of that name.
+
+    Raises
+    ------
+    ValueError
+        When there is no such problem.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+    >>> getBenchmarkProblem("RP107")
+    BenchmarkProblem(name=RP107, probability=2.8665e-07)
+    """
+    if name not in _FACTORIES:
+        raise ValueError(f"no benchmark problem is called {name!r}; there are {', '.join(_FACTORIES)}")
+    return _FACTORIES[name]()
+
+
+def getBenchmarkProblems() -> list[BenchmarkProblem]:
+    """All benchmark problems.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblems
+    >>> [problem.getName() for problem in getBenchmarkProblems()][:3]
+    ['P1', 'P2', 'P3']
+    """
+    return [factory() for factory in _FACTORIES.values()]

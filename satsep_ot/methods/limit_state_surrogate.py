@@ -1,0 +1,260 @@
+"""Surrogate of a limit state: polynomial ridges of smooth components, composed, with the size of their errors.
+
+All in the standard normal space. The probability of failure at a point follows from normal errors around the
+predictions of the components, carried through the composition by central differences of one error's size.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+from scipy.stats import chi2
+
+from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, number_of_terms
+from satsep_ot.methods.ridge_approximation import fit_ridge
+
+# An error is never taken to be smaller than this share of a component's own spread: a polynomial that passes through
+# the data is not known to be the truth elsewhere.
+_SMALLEST_ERROR = 0.01
+# A larger model must lower the estimated squared error of prediction by this factor to be preferred.
+_PARSIMONY = 0.9
+# Points further than this number of scales from the limit have a probability of failure of 0 or 1.
+_BAND = 8.0
+
+
+@dataclasses.dataclass(frozen=True)
+class RidgeModel:
+    """Which polynomial ridge a component gets: number of directions, total degree, and the inactive radius or not."""
+
+    dimension: int
+    degree: int
+    radial: bool = False
+
+    def parameters(self, inputs: int) -> int:
+        """Number of free parameters, those of the subspace included."""
+        r = self.dimension
+        variables = r + int(self.radial)
+        terms = number_of_terms(variables, self.degree) if variables else 1
+        return terms + r * (inputs - r)
+
+
+@dataclasses.dataclass
+class ComponentFit:
+    """A component's ridge: orthonormal directions (d, r), polynomial, and its estimated error of prediction."""
+
+    model: RidgeModel
+    directions: np.ndarray
+    polynomial: object
+    error: float
+
+    def predict(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
+        """Values at active variables (n, r) and normalised inactive radii (n,)."""
+        if self.model.radial:
+            active = np.column_stack([active, radius])
+        if active.shape[1] == 0:
+            active = np.zeros((len(active), 1))
+        return self.polynomial.predict(active)
+
+
+def normalisedRadius(u: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """The distance from the span of the directions (d, k), mapped to a standard normal variable: (n,)."""
+    freedom = u.shape[1] - directions.shape[1]
+    squared = (u**2).sum(axis=1) - ((u @ directions) ** 2).sum(axis=1)
+    # Each tail through the function that does not round it to 0 or 1.
+    lower, upper = chi2.cdf(squared, freedom), chi2.sf(squared, freedom)
+    return np.where(lower < upper, ndtri(np.maximum(lower, 1e-300)), -ndtri(np.maximum(upper, 1e-300)))
+
+
+def radiusFromNormal(t: np.ndarray, freedom: int) -> np.ndarray:
+    """The inverse of `normalisedRadius`: distances for standard normal t."""
+    return np.sqrt(np.where(t < 0.0, chi2.ppf(ndtr(t), freedom), chi2.isf(ndtr(-t), freedom)))
+
+
+class LimitStateSurrogate:
+    """Surrogate of a composed limit state.
+
+    Parameters
+    ----------
+    u : array (n, d)
+        Points in standard space.
+    values : array (n, p)
+        Smooth components there.
+    margin : callable
+        Maps component values (m, p) on limit state values (m,), at most 0 in failure.
+    weights : array (n,)
+        Weights of the fits.
+    previous : LimitStateSurrogate, optional
+        Its models and subspaces are the start of this fit.
+    reselect : bool
+        Choose the models anew.
+    maximumDimension, maximumDegree : int
+        Limits of the choice.
+    """
+
+    def __init__(
+        self,
+        u: np.ndarray,
+        values: np.ndarray,
+        margin: Callable,
+        weights: np.ndarray,
+        previous: "LimitStateSurrogate | None" = None,
+        reselect: bool = True,
+        maximumDimension: int = 3,
+        maximumDegree: int = 4,
+    ):
+        self.margin = margin
+        self.inputs = u.shape[1]
+        fits = []
+        for index, column in enumerate(values.T):
+            old = None if previous is None else previous.components[index]
+            if old is not None and not reselect:
+                fits.append(_fitModel(u, column, weights, old.model, None, old.directions))
+            else:
+                fits.append(_selectModel(u, column, weights, old, maximumDimension, maximumDegree))
+        self.directions = _union([fit.directions for fit in fits], self.inputs)
+        # The inactive radius belongs to the complement of all active directions, so it comes second.
+        self.radial = False
+        if self.directions.shape[1] < self.inputs:
+            radius = normalisedRadius(u, self.directions)
+            fits = [_withRadius(u, column, weights, fit, radius) for fit, column in zip(fits, values.T, strict=True)]
+            self.radial = any(fit.model.radial for fit in fits)
+        self.components = fits
+        self._rotations = [self.directions.T @ fit.directions for fit in fits]
+        spread = values.std(axis=0)
+        self.errors = np.maximum([fit.error for fit in fits], _SMALLEST_ERROR * spread)
+
+    def dimension(self) -> int:
+        """Number of variables that the surrogate depends on: active directions, and the inactive radius if used."""
+        return self.directions.shape[1] + int(self.radial)
+
+    def reduce(self, u: np.ndarray) -> np.ndarray:
+        """Points of standard space (n, d) to the variables of the surrogate (n, k)."""
+        active = u @ self.directions
+        return np.column_stack([active, normalisedRadius(u, self.directions)]) if self.radial else active
+
+    def expand(self, y: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+        """Random points (n, d) of standard space given the variables of the surrogate (n, k)."""
+        k = self.directions.shape[1]
+        noise = generator.standard_normal((len(y), self.inputs))
+        noise -= (noise @ self.directions) @ self.directions.T
+        if self.radial:
+            radius = radiusFromNormal(y[:, k], self.inputs - k)
+            noise *= (radius / np.linalg.norm(noise, axis=1))[:, None]
+        return y[:, :k] @ self.directions.T + noise
+
+    def predict(self, y: np.ndarray) -> np.ndarray:
+        """Components (n, p) at variables of the surrogate (n, k)."""
+        k = self.directions.shape[1]
+        radius = y[:, k] if self.radial else None
+        return np.column_stack(
+            [fit.predict(y[:, :k] @ a, radius) for fit, a in zip(self.components, self._rotations, strict=True)]
+        )
+
+    def limitState(self, y: np.ndarray, exact: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Predicted limit state and the standard deviation of its error, each (n,).
+
+        Parameters
+        ----------
+        y : array (n, k)
+        exact : bool
+            False: the deviation is computed on a few points only, its largest value stands for the others.
+        """
+        values = self.predict(y)
+        value = self.margin(values)
+        order = np.argsort(np.abs(value))
+        scale = np.empty(len(y))
+        largest = 0.0
+        chunk = 500 if not exact else max(len(y) // 20, 500)
+        for start in range(0, len(y), chunk):
+            rows = order[start : start + chunk]
+            if start and (not exact or np.abs(value[rows[0]]) > _BAND * largest):
+                scale[order[start:]] = largest
+                break
+            squares = np.zeros(len(rows))
+            for j, error in enumerate(self.errors):
+                shifted = values[rows].copy()
+                shifted[:, j] += error
+                above = self.margin(shifted)
+                shifted[:, j] -= 2.0 * error
+                squares += (0.5 * (above - self.margin(shifted))) ** 2
+            scale[rows] = np.sqrt(squares)
+            largest = max(largest, float(scale[rows].max()))
+        # A composition that is flat here would give 0: the composed value is then certain to rounding.
+        return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))
+
+
+def _basisFit(variables, column, weights, degree):
+    if variables.shape[1] == 0:
+        return fit_polynomial(PolynomialBasis(1, 0), np.zeros((len(column), 1)), column, weights)
+    return fit_polynomial(PolynomialBasis(variables.shape[1], degree), variables, column, weights, allow_deficient=True)
+
+
+def _predictionError(polynomial, weights, parameters):
+    """Root mean square error of prediction by generalised cross-validation (Golub, Heath and Wahba, 1979), where the
+    parameters of the subspace count."""
+    effective = weights.sum() ** 2 / (weights**2).sum()
+    slack = 1.0 - parameters / effective
+    if slack <= 0.05:
+        return math.inf
+    return math.sqrt(np.average(polynomial.residuals**2, weights=weights)) / slack
+
+
+def _fitModel(u, column, weights, model, radius, initial):
+    directions = np.zeros((u.shape[1], 0))
+    if model.dimension:
+        directions = fit_ridge(u, column, model.dimension, max(model.degree, 1), weights, 1, initial).directions
+    variables = u @ directions
+    if model.radial and radius is not None:
+        variables = np.column_stack([variables, radius])
+    polynomial = _basisFit(variables, column, weights, model.degree)
+    used = model if radius is not None else RidgeModel(model.dimension, model.degree, False)
+    return ComponentFit(
+        used, directions, polynomial, _predictionError(polynomial, weights, used.parameters(u.shape[1]))
+    )
+
+
+def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
+    """The ridge with the smallest estimated error of prediction; a larger one must be clearly better."""
+    d = u.shape[1]
+    effective = weights.sum() ** 2 / (weights**2).sum()
+    best = _fitModel(u, column, weights, RidgeModel(0, 0), None, None)
+    floor = 1e-9 * max(float(np.abs(column).max()), 1e-300)
+    for dimension in range(1, min(maximumDimension, d) + 1):
+        for degree in (1, 2, 3, 4):
+            if degree > maximumDegree or (degree == 1 and dimension > 1):
+                continue
+            model = RidgeModel(dimension, degree)
+            if model.parameters(d) > 0.75 * effective or best.error <= floor:
+                continue
+            initial = None
+            if old is not None and old.model.dimension == dimension and old.model.degree > 1 and degree > 1:
+                initial = old.directions
+            fit = _fitModel(u, column, weights, model, None, initial)
+            if fit.error < math.sqrt(_PARSIMONY) * best.error:
+                best = fit
+    return best
+
+
+def _withRadius(u, column, weights, fit, radius):
+    """The same subspace with the inactive radius as one more variable, where that predicts clearly better."""
+    best = fit
+    for degree in (2, 4):
+        model = RidgeModel(fit.model.dimension, max(degree, min(fit.model.degree, 4)), True)
+        if model.parameters(u.shape[1]) > 0.75 * len(column):
+            continue
+        polynomial = _basisFit(np.column_stack([u @ fit.directions, radius]), column, weights, model.degree)
+        error = _predictionError(polynomial, weights, model.parameters(u.shape[1]))
+        if error < math.sqrt(_PARSIMONY) * best.error:
+            best = ComponentFit(model, fit.directions, polynomial, error)
+    return best
+
+
+def _union(directions, inputs):
+    """Orthonormal basis of the sum of the subspaces."""
+    stacked = np.hstack(directions)
+    if stacked.shape[1] == 0:
+        return stacked
+    left, singular, _ = np.linalg.svd(stacked, full_matrices=False)
+    return left[:, singular > 1e-8 * singular[0]][:, :inputs]
