@@ -1,0 +1,97 @@
+"""Rotations: unit quaternions [w, x, y, z] turn body components into reference components.
+
+Sources: Hu et al., Acta Astronautica 131 (2017), equations 3 and 7; Kuipers, *Quaternions and Rotation Sequences*
+(1999), chapter 5.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from satsep_ot.dynamics.compilation import OPTIONS
+
+
+@njit(**OPTIONS)
+def rotation_matrix_elements(w, x, y, z):
+    """The nine elements, row by row, of the matrix that turns body components into reference components."""
+    return (
+        1.0 - 2.0 * (y * y + z * z),
+        2.0 * (x * y - w * z),
+        2.0 * (x * z + w * y),
+        2.0 * (x * y + w * z),
+        1.0 - 2.0 * (x * x + z * z),
+        2.0 * (y * z - w * x),
+        2.0 * (x * z - w * y),
+        2.0 * (y * z + w * x),
+        1.0 - 2.0 * (x * x + y * y),
+    )
+
+
+@njit(**OPTIONS)
+def quaternion_from_rotation_vector(rx, ry, rz):
+    """The quaternion of a turn by the angle |r| about r [rad]."""
+    half = 0.5 * math.sqrt(rx * rx + ry * ry + rz * rz)
+    # sin(half) / (2 half), by its series where the quotient would be 0 / 0.
+    scale = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * math.sin(half) / half
+    return math.cos(half), scale * rx, scale * ry, scale * rz
+
+
+def rotation_matrix(quaternion):
+    """The 3 x 3 matrix that turns body components into reference components.
+
+    Parameters
+    ----------
+    quaternion : array_like, shape (4,)
+        A unit quaternion [w, x, y, z].
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.rotations import rotation_matrix
+    >>> print(rotation_matrix([1.0, 0.0, 0.0, 0.0]).astype(int).tolist())
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    """
+    return np.array(rotation_matrix_elements(*(float(component) for component in quaternion))).reshape(3, 3)
+
+
+def quaternion_product(left, right):
+    """The quaternion product left (x) right, shape (4,): first the turn `right`, then the turn `left`."""
+    w, v = left[0], np.asarray(left[1:], dtype=float)
+    other_w, other_v = right[0], np.asarray(right[1:], dtype=float)
+    return np.concatenate([[w * other_w - v @ other_v], w * other_v + other_w * v + np.cross(v, other_v)])
+
+
+def quaternion_from_euler_angles(roll, pitch, yaw):
+    """The quaternion of the 3-2-1 Euler angles of equation 7: yaw about z, then pitch about y, then roll about x.
+
+    Parameters
+    ----------
+    roll, pitch, yaw : float
+        The angles phi, theta, psi [rad].
+
+    Returns
+    -------
+    quaternion : ndarray, shape (4,)
+        Body to reference. The transposed matrix of equation 7 is `rotation_matrix` of it.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.rotations import quaternion_from_euler_angles
+    >>> print(quaternion_from_euler_angles(0.0, 0.0, 0.0).tolist())
+    [1.0, 0.0, 0.0, 0.0]
+    """
+    turns = [
+        [math.cos(0.5 * angle), *(math.sin(0.5 * angle) * np.eye(3)[axis])]
+        for angle, axis in ((yaw, 2), (pitch, 1), (roll, 0))
+    ]
+    return quaternion_product(quaternion_product(turns[0], turns[1]), turns[2])
+
+
+def euler_angles(quaternion):
+    """The 3-2-1 Euler angles (roll, pitch, yaw) [rad] of a quaternion; at pitch = +-90 deg roll is reported as 0."""
+    matrix = rotation_matrix(quaternion)
+    pitch = math.asin(min(1.0, max(-1.0, -matrix[2, 0])))
+    if abs(matrix[2, 0]) > 1.0 - 1e-14:
+        # Roll and yaw turn about the same axis there: only their sum or difference exists.
+        return 0.0, pitch, math.atan2(-matrix[0, 1], matrix[1, 1])
+    return math.atan2(matrix[2, 1], matrix[2, 2]), pitch, math.atan2(matrix[1, 0], matrix[0, 0])
