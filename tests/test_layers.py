@@ -15,8 +15,8 @@ ALLOWED = {
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
-    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "enum", "functools", "importlib", "io",
-    "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time", "tomllib", "types", "typing",
+    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "difflib", "enum", "functools", "importlib",
+    "io", "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time", "tomllib", "types", "typing",
     "warnings",
 }  # fmt: skip
 

@@ -1,0 +1,622 @@
+"""A case: a TOML file, in the units that engineers use, read into validated data in SI.
+
+The annotated file `cases/reference.toml` of this package names every key with its unit and default.
+"""
+
+import math
+import os
+import tomllib
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
+from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, rotation_matrix
+from satsep_ot.dynamics.separation import Body, Orbit, Pivot, Separation, Springs
+from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.model.inputs import (
+    Target,
+    UncertainInput,
+    build_distribution,
+    check_range,
+    did_you_mean,
+    scatter_targets,
+)
+
+_DEGREE = math.pi / 180.0
+_MILLI = 1e-3
+_KILO = 1e3
+_MAXIMUM_SPRINGS = 1000
+# Where the push, along y, points in a circular orbit -> where position and velocity point in body axes at t = 0.
+_PUSHES = {
+    "along-track": ((1, 0, 0), (0, 1, 0)),
+    "against-track": ((1, 0, 0), (0, -1, 0)),
+    "up": ((0, 1, 0), (0, 0, 1)),
+    "down": ((0, -1, 0), (0, 0, 1)),
+    "normal": ((0, 0, 1), (1, 0, 0)),
+    "anti-normal": ((0, 0, 1), (-1, 0, 0)),
+}
+
+
+class CaseError(ValueError):
+    """A case file cannot be used; the message names the file, the key, what was given and what is allowed."""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A limit on one quantity of interest.
+
+    Parameters
+    ----------
+    name : str
+        How people call it.
+    quantity : str
+        Name of the quantity of interest.
+    limit : float
+        In the quantity's unit.
+    is_maximum : bool
+        True if the quantity must not exceed the limit, False if it must not fall below it.
+    allowed_probability : float, optional
+        Largest probability of violation that is accepted.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import Requirement
+    >>> print(Requirement("spin", "spin", 1.0, True))
+    spin <= 1
+    """
+
+    name: str
+    quantity: str
+    limit: float
+    is_maximum: bool
+    allowed_probability: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.quantity} {'<=' if self.is_maximum else '>='} {self.limit:g}"
+
+
+@dataclass(frozen=True)
+class Case:
+    """What a case file says.
+
+    Parameters
+    ----------
+    name, description : str
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+        The nominal separation [SI].
+    inputs : tuple of :class:`satsep_ot.model.inputs.UncertainInput`
+    requirements : tuple of Requirement
+    """
+
+    name: str
+    description: str
+    separation: Separation
+    inputs: tuple[UncertainInput, ...] = ()
+    requirements: tuple[Requirement, ...] = ()
+
+
+def shipped_cases() -> list[str]:
+    """Names of the cases in the package.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import shipped_cases
+    >>> "reference" in shipped_cases()
+    True
+    """
+    folder = resources.files("satsep_ot.model") / "cases"
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def load_case(source: str | os.PathLike | Case = "reference") -> Case:
+    """Read a case.
+
+    Parameters
+    ----------
+    source : str, path or Case
+        The name of a case in the package, or the path of a TOML file. A Case is returned as it is.
+
+    Returns
+    -------
+    case : Case
+
+    Raises
+    ------
+    CaseError
+        In one sentence, if the file cannot be read or says something that is not allowed.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> case = load_case("reference")
+    >>> case.separation.satellite.mass, len(case.inputs), [str(requirement) for requirement in case.requirements][0]
+    (100.0, 35, 'lateral_rate <= 2.5')
+    """
+    if isinstance(source, Case):
+        return source
+    if isinstance(source, str) and source in shipped_cases():
+        text = (resources.files("satsep_ot.model") / "cases" / f"{source}.toml").read_text(encoding="utf-8")
+        return parse_case(text, f"{source}.toml")
+    path = Path(source)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        shipped = ", ".join(shipped_cases())
+        raise CaseError(
+            f"{path}: there is no such file, and no case of that name in the package ({shipped})"
+        ) from error
+    except UnicodeDecodeError as error:
+        raise CaseError(f"{path}: the file is not UTF-8 text, as TOML must be") from error
+    except (OSError, ValueError) as error:
+        raise CaseError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    return parse_case(text, str(path))
+
+
+def parse_case(text: str, file: str = "case") -> Case:
+    """Read a case from the text of a TOML file.
+
+    Parameters
+    ----------
+    text : str
+    file : str
+        Name of the file, for messages.
+
+    Returns
+    -------
+    case : Case
+
+    Raises
+    ------
+    CaseError
+        As for `load_case`.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import CaseError, parse_case
+    >>> try:
+    ...     parse_case("[platform]\\nmas = 3.0", "mine.toml")
+    ... except CaseError as error:
+    ...     print(error)
+    mine.toml: platform.mas is not a known key; did you mean 'mass'?
+    """
+    try:
+        data = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
+        reason = "tables or arrays are nested too deep" if isinstance(error, RecursionError) else str(error)
+        raise CaseError(f"{file}: not valid TOML: {reason}") from error
+    sections = (
+        "name", "description", "horizon", "platform", "satellite", "springs", "initial", "orbit", "envelope", "inputs",
+        "requirements",
+    )  # fmt: skip
+    root = _Table(file, "", data, sections)
+    # Misspelt keys are reported before missing ones: the first usually explains the second.
+    tables = {
+        key: root.table(key, keys, optional=key not in ("platform", "satellite", "springs"))
+        for key, keys in _TABLE_KEYS.items()
+    }
+    separation = _separation(root, tables)
+    entries = data.get("inputs", {})
+    if not isinstance(entries, dict):
+        raise root.error("inputs", entries, "a table with one entry for each uncertain input")
+    inputs = _inputs(file, entries, separation)
+    return Case(
+        name=root.text("name", Path(file).stem),
+        description=root.text("description", ""),
+        separation=separation,
+        inputs=inputs,
+        requirements=_requirements(root, separation),
+    )
+
+
+_BODY_KEYS = ("mass", "inertia", "center_of_mass")
+_TABLE_KEYS = {
+    "platform": _BODY_KEYS,
+    "satellite": _BODY_KEYS,
+    "springs": (
+        "count", "angles", "radius", "stiffness", "deformation", "stroke", "cant", "delay", "force_line",
+        "stowed_length",
+    ),
+    "initial": ("attitude", "rates", "mounting_error", "pivot"),
+    "orbit": ("altitude", "push", "position", "velocity", "gravitational_parameter", "gradient_torque"),
+    "envelope": ("half_width", "height", "points", "recess_radius", "recess_depth"),
+}  # fmt: skip
+_MISSING = object()
+
+
+class _Table:
+    """One table of the file, read key by key; every refusal names file, key, what was given and what is allowed."""
+
+    def __init__(self, file, path, data, keys):
+        self.file, self.path, self.data = file, path, data
+        for key in data:
+            if key not in keys:
+                hint = did_you_mean(key, keys) or f"; the keys here are {', '.join(keys)}"
+                raise CaseError(f"{file}: {self.key(key)} is not a known key{hint}")
+
+    def __contains__(self, key):
+        return key in self.data
+
+    def key(self, key):
+        return f"{self.path}.{key}" if self.path else key
+
+    def error(self, key, given, allowed):
+        shown = repr(given)
+        shown = shown if len(shown) <= 60 else shown[:57] + "..."
+        return CaseError(f"{self.file}: {self.key(key)} = {shown}, but it must be {allowed}")
+
+    def get(self, key, default, allowed):
+        if key in self.data:
+            return self.data[key]
+        if default is _MISSING:
+            raise CaseError(f"{self.file}: {self.key(key)} is missing; it must be {allowed}")
+        return default
+
+    def table(self, key, keys, optional=False):
+        data = self.get(key, None if optional else _MISSING, f"a table, [{key}]")
+        if data is None:
+            return None
+        if not isinstance(data, dict):
+            raise self.error(key, data, f"a table, [{key}]")
+        return _Table(self.file, self.key(key), data, keys)
+
+    def text(self, key, default=_MISSING):
+        value = self.get(key, default, "a text")
+        if not isinstance(value, str):
+            raise self.error(key, value, "a text in quotes")
+        return value
+
+    def choice(self, key, choices, default):
+        value = self.get(key, default, "")
+        if not isinstance(value, str) or value not in choices:
+            raise self.error(key, value, f"one of {', '.join(repr(choice) for choice in choices)}")
+        return value
+
+    def flag(self, key, default):
+        value = self.get(key, default, "")
+        if not isinstance(value, bool):
+            raise self.error(key, value, "true or false")
+        return value
+
+    def number(self, key, unit, default=_MISSING, sign=None, below=math.inf):
+        """A finite number; sign is None, "positive" or "not negative", `below` bounds its size."""
+        allowed = _allowed("a finite number", unit, sign, below)
+        value = self.get(key, default, allowed)
+        if not _is_number(value, sign, below):
+            raise self.error(key, value, allowed)
+        return float(value)
+
+    def vector(self, key, unit, default=_MISSING):
+        allowed = f"three finite numbers in {unit}"
+        return np.array(self._numbers(key, self.get(key, default, allowed), 3, allowed, None, math.inf))
+
+    def per_spring(self, key, unit, count, default=_MISSING, sign=None, below=math.inf):
+        """One number for all springs, or one for each."""
+        one = _allowed("a finite number", unit, sign, below)
+        allowed = f"{one}, or a list of {count} of them, one for each spring"
+        value = self.get(key, default, allowed)
+        if isinstance(value, list):
+            return np.array(self._numbers(key, value, count, allowed, sign, below))
+        if not _is_number(value, sign, below):
+            raise self.error(key, value, allowed)
+        return np.full(count, float(value))
+
+    def points(self, key, unit):
+        allowed = f"a list of points, each [x, y, z] in {unit}"
+        value = self.get(key, _MISSING, allowed)
+        if not isinstance(value, list) or not value:
+            raise self.error(key, value, allowed)
+        return np.array([self._numbers(key, point, 3, allowed, None, math.inf) for point in value])
+
+    def _numbers(self, key, value, count, allowed, sign, below):
+        if not isinstance(value, list) or len(value) != count or not all(_is_number(v, sign, below) for v in value):
+            raise self.error(key, value, allowed)
+        return [float(v) for v in value]
+
+
+def _allowed(what, unit, sign, below):
+    size = f" of size below {below:g}" if below < math.inf else ""
+    return what.replace("finite", f"finite, {sign}" if sign else "finite") + size + (f" in {unit}" if unit else "")
+
+
+def _is_number(value, sign=None, below=math.inf):
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    # Far beyond any physical value, so that no product overflows; integers too long for a float fall here too.
+    if not abs(value) < 1e30:
+        return False
+    return abs(value) < below and not (sign == "positive" and value <= 0) and not (sign == "not negative" and value < 0)
+
+
+def _separation(root, tables):
+    springs = _springs(tables["springs"])
+    force_line, stowed_length = _force_line(tables["springs"])
+    initial = tables["initial"] or _Table(root.file, "initial", {}, _TABLE_KEYS["initial"])
+    attitude = _attitude(initial)
+    orbit, gradient_torque = _orbit(tables["orbit"], attitude)
+    envelope, recess_radius, recess_depth = _envelope(tables["envelope"])
+    pivots = {"stack": Pivot.STACK, "platform": Pivot.PLATFORM}
+    zero = [0.0, 0.0, 0.0]
+    arguments = dict(
+        platform=_body(tables["platform"]),
+        satellite=_body(tables["satellite"]),
+        springs=springs,
+        force_line=force_line,
+        stowed_length=stowed_length,
+        attitude=tuple(attitude),
+        rates=tuple(initial.vector("rates", "deg/s", zero) * _DEGREE),
+        mounting_error=tuple(initial.vector("mounting_error", "deg", zero) * _DEGREE),
+        pivot=pivots[initial.choice("pivot", tuple(pivots), "stack")],
+        orbit=orbit,
+        gradient_torque=gradient_torque,
+        envelope=envelope,
+        recess_radius=recess_radius,
+        recess_depth=recess_depth,
+        horizon=root.number("horizon", "s", Separation.horizon, "positive", below=1e3),
+    )
+    try:
+        return Separation(**arguments)
+    except ValueError as error:
+        raise CaseError(f"{root.file}: {error}") from error
+
+
+def _body(table):
+    mass = table.number("mass", "kg", sign="positive")
+    center_of_mass = table.vector("center_of_mass", "mm") * _MILLI
+    allowed = "three principal moments, or a symmetric 3 x 3 matrix, of finite numbers in kg m2"
+    value = table.get("inertia", _MISSING, allowed)
+    if not isinstance(value, list) or len(value) != 3:
+        raise table.error("inertia", value, allowed)
+    if all(_is_number(element) for element in value):
+        inertia = np.diag([float(element) for element in value])
+    else:
+        inertia = np.array([table._numbers("inertia", row, 3, allowed, None, math.inf) for row in value])
+    if np.abs(inertia - inertia.T).max() > 1e-9 * np.abs(inertia).max():
+        raise table.error("inertia", value, allowed)
+    inertia = 0.5 * (inertia + inertia.T)
+    moments = np.linalg.eigvalsh(inertia)
+    shown = ", ".join(f"{moment:.6g}" for moment in moments)
+    if moments[0] <= 0.0:
+        raise table.error("inertia", value, f"positive definite (its principal moments are {shown} kg m2)")
+    if moments[0] + moments[1] < moments[2] * (1.0 - 1e-9):
+        raise table.error(
+            "inertia",
+            value,
+            f"such that no principal moment exceeds the sum of the other two ({shown} kg m2 are given)",
+        )
+    return Body(mass=mass, inertia=inertia, center_of_mass=center_of_mass)
+
+
+def _springs(table):
+    allowed = f"a whole number from 1 to {_MAXIMUM_SPRINGS}"
+    angles = table.get("angles", None, "")
+    if angles is None:
+        count = table.get("count", _MISSING, f"{allowed}, unless `angles` are given")
+    else:
+        per_spring = f"a list of 1 to {_MAXIMUM_SPRINGS} finite numbers in deg, one for each spring"
+        if not isinstance(angles, list) or not 1 <= len(angles) <= _MAXIMUM_SPRINGS or not all(map(_is_number, angles)):
+            raise table.error("angles", angles, per_spring)
+        count = table.get("count", len(angles), "")
+        if count != len(angles):
+            raise table.error("count", count, f"{len(angles)}, the number of angles given, or left out")
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= _MAXIMUM_SPRINGS:
+        raise table.error("count", count, allowed)
+    if angles is None:
+        # Hu et al. (2017), equation 4: a ring that is its own mirror image.
+        angle = (2.0 * np.arange(count) + 1.0) * math.pi / count
+    else:
+        angle = np.array(angles, dtype=float) * _DEGREE
+    return Springs(
+        angle=angle,
+        radius=table.per_spring("radius", "mm", count, sign="not negative") * _MILLI,
+        stiffness=table.per_spring("stiffness", "N/m", count, sign="positive"),
+        deformation=table.per_spring("deformation", "mm", count, sign="positive") * _MILLI,
+        stroke=table.per_spring("stroke", "mm", count, sign="positive") * _MILLI,
+        cant=table.per_spring("cant", "deg", count, 0.0, below=90.0) * _DEGREE,
+        delay=table.per_spring("delay", "ms", count, 0.0, sign="not negative") * _MILLI,
+    )
+
+
+def _force_line(table):
+    lines = {"guided": ForceLine.GUIDED, "strut": ForceLine.STRUT}
+    line = lines[table.choice("force_line", tuple(lines), "guided")]
+    length = table.number("stowed_length", "mm", 0.0 if line is ForceLine.GUIDED else _MISSING, "not negative")
+    if line is ForceLine.GUIDED and length > 0.0:
+        raise table.error("stowed_length", length, "left out for guided springs: only a strut has one")
+    if line is ForceLine.STRUT and length == 0.0:
+        reason = "a strut whose ends coincide has no direction, and buckles"
+        raise table.error("stowed_length", length, f"positive for a strut: {reason}")
+    return line, length * _MILLI
+
+
+def _attitude(table):
+    allowed = "roll, pitch, yaw in deg, or a quaternion [w, x, y, z] of norm 1"
+    value = table.get("attitude", [0.0, 0.0, 0.0], allowed)
+    if not isinstance(value, list) or len(value) not in (3, 4) or not all(_is_number(element) for element in value):
+        raise table.error("attitude", value, allowed)
+    if len(value) == 3:
+        return quaternion_from_euler_angles(*(float(angle) * _DEGREE for angle in value))
+    norm = math.hypot(*value)
+    if abs(norm - 1.0) > 1e-6:
+        raise table.error("attitude", value, f"{allowed} (its norm is {norm:.6g})")
+    return np.array(value, dtype=float) / norm
+
+
+def _orbit(table, attitude):
+    if table is None:
+        return None, False
+    gradient_torque = table.flag("gradient_torque", False)
+    mu = (
+        table.number("gravitational_parameter", "km3/s2", EARTH_GRAVITATIONAL_PARAMETER / _KILO**3, "positive")
+        * _KILO**3
+    )
+    if "altitude" in table and ("position" in table or "velocity" in table):
+        raise CaseError(f"{table.file}: orbit.altitude and orbit.position are both given; give one of them")
+    if "altitude" in table:
+        radius = EARTH_RADIUS + table.number("altitude", "km", sign="positive") * _KILO
+        position, velocity = _PUSHES[table.choice("push", tuple(_PUSHES), "along-track")]
+        to_inertial = rotation_matrix(attitude)
+        return Orbit(
+            position=to_inertial @ (radius * np.array(position, dtype=float)),
+            velocity=to_inertial @ (math.sqrt(mu / radius) * np.array(velocity, dtype=float)),
+            mu=mu,
+        ), gradient_torque
+    if "push" in table:
+        raise CaseError(
+            f"{table.file}: orbit.push needs orbit.altitude; with a position the attitude says where y points"
+        )
+    if "position" not in table:
+        raise CaseError(f"{table.file}: orbit.altitude is missing; give it in km, or orbit.position and orbit.velocity")
+    position, velocity = table.vector("position", "km") * _KILO, table.vector("velocity", "km/s") * _KILO
+    if not np.linalg.norm(position) > 0.0:
+        raise table.error("position", table.data["position"], "away from the centre of the Earth")
+    return Orbit(position=position, velocity=velocity, mu=mu), gradient_torque
+
+
+def _envelope(table):
+    if table is None:
+        return None, 0.0, 0.0
+    if "points" in table:
+        for key in ("half_width", "height"):
+            if key in table:
+                raise CaseError(f"{table.file}: envelope.points and envelope.{key} are both given; give one of them")
+        points = table.points("points", "mm") * _MILLI
+    else:
+        half_width = table.number("half_width", "mm", sign="positive") * _MILLI
+        height = table.number("height", "mm", sign="positive") * _MILLI
+        sides = (-half_width, half_width)
+        points = np.array([[x, y, z] for y in (0.0, height) for x in sides for z in sides])
+    recess_radius = table.number("recess_radius", "mm", sign="positive") * _MILLI
+    return points, recess_radius, table.number("recess_depth", "mm", sign="positive") * _MILLI
+
+
+_SCATTER_KEYS = ("sigma", "three_sigma", "plus_minus", "distribution")
+
+
+def _inputs(file, entries, separation):
+    names = separation.parameter_names()
+    nominal = dict(zip(names, separation.parameters(), strict=True))
+    targets = scatter_targets(separation)
+    inputs, taken = [], set()
+    for name, entry in entries.items():
+        path = f"inputs.{name}"
+        if not isinstance(entry, dict):
+            raise CaseError(
+                f'{file}: {path} = {entry!r}, but it must be a table such as {{ quantity = "...", sigma = 1.0 }}'
+            )
+        if "distribution" in entry:
+            # The distribution's own parameters are further keys: checked against it below.
+            table = _Table(file, path, entry, tuple(entry))
+        else:
+            table = _Table(file, path, entry, ("quantity", "description", "mean", *_SCATTER_KEYS))
+        for input_name, target in _targets(table, name, targets, separation):
+            if input_name in taken:
+                raise CaseError(f"{file}: {path} gives a second input the name '{input_name}'; names must differ")
+            taken.add(input_name)
+            inputs.append(_input(table, input_name, target, nominal))
+    return tuple(inputs)
+
+
+def _targets(table, name, targets, separation):
+    """The (name, target) pairs of one entry: one, or one for each spring."""
+    quantity = table.text("quantity")
+    base = quantity.removesuffix(".each")
+    if base != quantity and base.startswith("springs.") and f"{base}.1" in targets:
+        count = len(separation.springs)
+        return [(f"{name}_{i}", targets[f"{base}.{i}"]) for i in range(1, count + 1)]
+    if quantity not in targets:
+        general = [key for key in targets if not key.rsplit(".", 1)[-1].isdigit()]
+        hint = did_you_mean(quantity, general) or f" such as {', '.join(general[:3])}, ... ({len(general)} in all)"
+        raise table.error("quantity", quantity, f"a quantity of this case{hint}")
+    return [(name, targets[quantity])]
+
+
+def _input(table, name, target: Target, nominal):
+    # Springs that differ have no common value: moved together, their input is the deviation from it.
+    values = {float(f"{nominal[parameter] / target.factor:.15g}") for parameter in target.parameters}
+    reference = values.pop() if len(values) == 1 else 0.0
+    description = table.text("description", target.description)
+    if len(values) > 0:
+        description = f"deviation of the {description}"
+    # Next to `distribution`, sigma is a parameter of it.
+    given = ["distribution"] if "distribution" in table else [key for key in _SCATTER_KEYS if key in table]
+    if len(given) != 1:
+        what = " and ".join(given) if given else "no scatter"
+        raise CaseError(
+            f"{table.file}: {table.path} has {what}, but it must have exactly one of {', '.join(_SCATTER_KEYS)}"
+        )
+    try:
+        distribution = _distribution(table, given[0], target.unit, reference)
+        row = UncertainInput(name, description, target.unit, distribution, target.parameters, target.factor, reference)
+        check_range(row, nominal)
+    except CaseError:
+        raise
+    except ValueError as error:
+        raise CaseError(f"{table.file}: {table.path} cannot be used: {error}") from error
+    return row
+
+
+def _distribution(table, kind, unit, reference):
+    if kind == "distribution":
+        parameters = {
+            key: table.number(key, unit) for key in table.data if key not in ("distribution", "quantity", "description")
+        }
+        return build_distribution(table.text("distribution"), parameters)
+    size = _scatter_size(table, kind, unit, reference)
+    mean = table.number("mean", unit, reference)
+    if kind == "plus_minus":
+        return build_distribution("Uniform", {"a": mean - size, "b": mean + size})
+    return build_distribution("Normal", {"mu": mean, "sigma": size / 3.0 if kind == "three_sigma" else size})
+
+
+def _scatter_size(table, kind, unit, reference):
+    """The size of a scatter given as a number or as a percentage of the nominal value."""
+    value = table.data[kind]
+    if isinstance(value, str) and value.endswith("%"):
+        try:
+            percent = float(value[:-1])
+        except ValueError:
+            percent = math.nan
+        size = 0.01 * percent * abs(reference)
+        if _is_number(size, "positive"):
+            return size
+        if reference == 0.0 and _is_number(percent, "positive"):
+            raise table.error(kind, value, f"a number in {unit}: the nominal value is 0, which has no percentage")
+    elif _is_number(value, "positive"):
+        return float(value)
+    raise table.error(kind, value, f"a finite, positive number in {unit}, or a percentage such as '1.5 %'")
+
+
+def _requirements(root, separation):
+    entries = root.data.get("requirements", [])
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise root.error("requirements", entries, "a list of tables, each headed [[requirements]]")
+    known = quantity_table(separation)
+    requirements = []
+    for number, entry in enumerate(entries, start=1):
+        keys = ("name", "quantity", "maximum", "minimum", "allowed_probability")
+        table = _Table(root.file, f"requirements[{number}]", entry, keys)
+        quantity = table.text("quantity")
+        if quantity not in known:
+            hint = did_you_mean(quantity, known)
+            if quantity == "clearance":
+                hint = "; a clearance needs the table [envelope]"
+            raise table.error("quantity", quantity, f"one of {', '.join(known)}{hint}")
+        limits = [key for key in ("maximum", "minimum") if key in table]
+        if len(limits) != 1:
+            what = "both" if limits else "neither maximum nor minimum"
+            raise CaseError(
+                f"{root.file}: {table.path} has {what}, but it must have exactly one of maximum and minimum"
+            )
+        allowed = None
+        if "allowed_probability" in table:
+            allowed = table.number("allowed_probability", "", sign="positive", below=1.0)
+        name = table.text("name", quantity)
+        if any(other.name == name for other in requirements):
+            raise table.error("name", name, "different from the names of the other requirements")
+        limit = table.number(limits[0], known[quantity].unit)
+        requirements.append(Requirement(name, quantity, limit, limits[0] == "maximum", allowed))
+    return tuple(requirements)

@@ -1,0 +1,381 @@
+"""Uncertain inputs: a table of name, unit, distribution, and the parameters of the separation that each one moves."""
+
+import difflib
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import openturns as ot
+
+from satsep_ot.dynamics.separation import Separation
+from satsep_ot.dynamics.springs import ForceLine
+
+_DEGREE = math.pi / 180.0
+_AXES = ("x", "y", "z")
+_TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
+# key of [springs] -> (parameter of one spring, unit in the case file, its size in SI, description)
+_SPRING_KEYS = {
+    "angles": ("angle", "deg", _DEGREE, "angle of the seat"),
+    "radius": ("radius", "mm", 1e-3, "ring radius"),
+    "stiffness": ("stiffness", "N/m", 1.0, "stiffness"),
+    "deformation": ("deformation", "mm", 1e-3, "initial deformation"),
+    "stroke": ("stroke", "mm", 1e-3, "stroke"),
+    "cant": ("cant", "deg", _DEGREE, "tangential cant"),
+    "delay": ("delay", "ms", 1e-3, "release delay"),
+}
+# Parameters that make no sense below zero, by the end of their names; the first ones not at zero either.
+_POSITIVE = (
+    ".mass",
+    ".inertia.xx",
+    ".inertia.yy",
+    ".inertia.zz",
+    ".stiffness",
+    ".deformation",
+    ".stroke",
+    "stowed_length",
+    "recess.radius",
+    "recess.depth",
+)
+_NOT_NEGATIVE = (".radius", ".delay")
+
+
+@dataclass(frozen=True)
+class Target:
+    """What one quantity of a case file stands for in the separation's flat parameter vector.
+
+    Parameters
+    ----------
+    parameters : tuple of str
+        Names of the parameters that move together.
+    unit : str
+        Unit in the case file.
+    factor : float
+        Size of that unit in SI.
+    description : str
+        What it is, in words.
+    """
+
+    parameters: tuple[str, ...]
+    unit: str
+    factor: float
+    description: str
+
+
+@dataclass(frozen=True)
+class UncertainInput:
+    """One uncertain input: parameter = nominal parameter + factor * (input - reference), for each of its parameters.
+
+    Parameters
+    ----------
+    name, description, unit : str
+        How people read it.
+    distribution : :class:`openturns.Distribution`
+        Univariate, in `unit`.
+    parameters : tuple of str
+        Names in the separation's flat parameter vector.
+    factor : float
+        Size of the unit in SI.
+    reference : float
+        Value of the input at which the parameters have their nominal values, in `unit`.
+    """
+
+    name: str
+    description: str
+    unit: str
+    distribution: ot.Distribution
+    parameters: tuple[str, ...]
+    factor: float
+    reference: float
+
+    @property
+    def label(self) -> str:
+        """The name with its unit."""
+        return f"{self.name} [{self.unit}]"
+
+
+def scatter_targets(separation: Separation) -> dict[str, Target]:
+    """Every quantity of a case file that may be uncertain, by its key.
+
+    Parameters
+    ----------
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+
+    Returns
+    -------
+    targets : dict of str to Target
+        Only those that this separation has: a stowed length needs struts, a recess an envelope.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.inputs import scatter_targets
+    >>> scatter_targets(load_case("reference").separation)["springs.cant.2"]
+    Target(parameters=('springs[1].cant',), unit='deg', factor=0.017453292519943295, description='tangential cant ...')
+    """
+    targets = {}
+    for body in ("satellite", "platform"):
+        targets[f"{body}.mass"] = Target((f"{body}.mass",), "kg", 1.0, f"mass of the {body}")
+        for element in _TENSOR:
+            key = f"{body}.inertia.{element}"
+            targets[key] = Target((key,), "kg m2", 1.0, f"inertia {element} of the {body} about its centre of mass")
+        for axis in _AXES:
+            key = f"{body}.center_of_mass.{axis}"
+            targets[key] = Target((key,), "mm", 1e-3, f"centre of mass of the {body} along {axis} from the ring centre")
+    for key, (parameter, unit, factor, description) in _SPRING_KEYS.items():
+        every = tuple(f"springs[{i}].{parameter}" for i in range(len(separation.springs)))
+        targets[f"springs.{key}"] = Target(every, unit, factor, f"{description} of all springs")
+        for i, name in enumerate(every):
+            targets[f"springs.{key}.{i + 1}"] = Target((name,), unit, factor, f"{description} of spring {i + 1}")
+    for axis in _AXES:
+        targets[f"initial.rates.{axis}"] = Target((f"rates.{axis}",), "deg/s", _DEGREE, f"initial rate about {axis}")
+        targets[f"initial.mounting_error.{axis}"] = Target(
+            (f"mounting_error.{axis}",), "deg", _DEGREE, f"mounting error of the satellite about {axis}"
+        )
+    if separation.force_line == ForceLine.STRUT:
+        targets["springs.stowed_length"] = Target(("stowed_length",), "mm", 1e-3, "stowed length of the springs")
+    if separation.envelope is not None:
+        for size in ("radius", "depth"):
+            targets[f"envelope.recess_{size}"] = Target((f"recess.{size}",), "mm", 1e-3, f"{size} of the recess")
+    return targets
+
+
+def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distribution:
+    """An OpenTURNS distribution from its name and its parameters by name.
+
+    Parameters
+    ----------
+    name : str
+        Class name in OpenTURNS, for example "Uniform".
+    parameters : dict of str to float
+        By the names of `getParameterDescription` without the trailing "_0" (a Normal has mu and sigma; "mean" is
+        understood for mu). A shift "gamma" may be left out and is then 0.
+
+    Returns
+    -------
+    distribution : :class:`openturns.Distribution`
+        Univariate.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if the distribution or a parameter is unknown, missing or refused by OpenTURNS.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.inputs import build_distribution
+    >>> print(build_distribution("Uniform", {"a": 0.0, "b": 2.0}))
+    Uniform(a = 0, b = 2)
+    """
+    distribution_class = vars(ot).get(name)
+    if not _is_distribution_class(distribution_class):
+        known = [key for key, value in vars(ot).items() if _is_distribution_class(value)]
+        raise ValueError(f"'{name}' is no OpenTURNS distribution{did_you_mean(name, known)}")
+    try:
+        distribution = distribution_class()
+        dimension = distribution.getDimension()
+        expected = [key.removesuffix("_0") for key in distribution.getParameterDescription()]
+    except (RuntimeError, TypeError) as error:
+        raise ValueError(f"the distribution {name} cannot be given by parameters with names") from error
+    if dimension != 1 or distribution.isCopula():
+        raise ValueError(f"{name} is not univariate (its dimension is {dimension}); an input has one dimension")
+    given = dict(parameters)
+    if "mean" in given and "mu" in expected and "mu" not in given:
+        given["mu"] = given.pop("mean")
+    if "gamma" in expected:
+        given.setdefault("gamma", 0.0)
+    takes = f"{name} takes {', '.join(expected)}" if expected else f"{name} takes no parameters"
+    for key in given:
+        if key not in expected:
+            raise ValueError(f"'{key}' is no parameter of the distribution; {takes}")
+    for key in expected:
+        if key not in given:
+            raise ValueError(f"the parameter {key} of the distribution is missing; {takes}")
+    try:
+        distribution.setParameter([given[key] for key in expected])
+    except (RuntimeError, TypeError, ValueError) as error:
+        reason = str(error).split(" : ", 1)[-1].strip()
+        values = ", ".join(f"{key} = {given[key]:g}" for key in expected)
+        raise ValueError(f"OpenTURNS refuses {name}({values}): {reason}") from error
+    return ot.Distribution(distribution)
+
+
+def _is_distribution_class(value) -> bool:
+    return isinstance(value, type) and issubclass(value, ot.DistributionImplementation)
+
+
+def did_you_mean(given: str, known) -> str:
+    """The end of a sentence that names the nearest of the known words, or nothing.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.inputs import did_you_mean
+    >>> did_you_mean("mas", ["mass", "inertia"])
+    "; did you mean 'mass'?"
+    """
+    lower = {word.lower(): word for word in known}
+    nearest = difflib.get_close_matches(given.lower(), lower, n=1)
+    return f"; did you mean '{lower[nearest[0]]}'?" if nearest else ""
+
+
+def quantile_range(distribution: ot.Distribution) -> tuple[float, float]:
+    """The 0.1 % and the 99.9 % quantile of a univariate distribution.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.model.inputs import quantile_range
+    >>> [round(value, 4) for value in quantile_range(ot.Uniform(0.0, 2.0))]
+    [0.002, 1.998]
+    """
+    return distribution.computeQuantile(0.001)[0], distribution.computeQuantile(0.999)[0]
+
+
+def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> None:
+    """Refuse an input whose 0.1 % quantile gives a parameter a value without physical sense.
+
+    Parameters
+    ----------
+    uncertain_input : UncertainInput
+    nominal : dict of str to float
+        Nominal value of every parameter [SI].
+
+    Raises
+    ------
+    ValueError
+        With the value that would be reached.
+    """
+    low, high = quantile_range(uncertain_input.distribution)
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError(f"its 0.1 % to 99.9 % range, {low:g} to {high:g} {uncertain_input.unit}, is not finite")
+    for parameter in uncertain_input.parameters:
+        lowest = nominal[parameter] / uncertain_input.factor + low - uncertain_input.reference
+        positive = parameter.endswith(_POSITIVE)
+        if (positive and lowest <= 0.0) or (parameter.endswith(_NOT_NEGATIVE) and lowest < 0.0):
+            allowed = "positive" if positive else "not negative"
+            raise ValueError(
+                f"its scatter brings the {uncertain_input.description} to {lowest:g} {uncertain_input.unit} "
+                f"at the 0.1 % quantile; it must stay {allowed}"
+            )
+
+
+class UncertainInputs:
+    """The table of uncertain inputs and the linear map from a sample of them to parameters of the separation.
+
+    Parameters
+    ----------
+    inputs : sequence of UncertainInput
+        In the order of the columns of a sample.
+    parameter_names : sequence of str, length P
+        Names in the separation's flat parameter vector.
+    nominal : array_like, shape (P,)
+        Nominal parameters [SI].
+
+    Notes
+    -----
+    parameters = nominal + matrix (x - reference). The sums run over single columns rather than through a matrix
+    product, so that a row's result does not depend, in the last bit, on the batch that it is in.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.inputs import UncertainInputs
+    >>> case = load_case("reference")
+    >>> table = UncertainInputs(case.inputs, case.separation.parameter_names(), case.separation.parameters())
+    >>> table.matrix.shape == (len(case.separation.parameters()), 35)
+    True
+    """
+
+    def __init__(self, inputs, parameter_names, nominal):
+        self.inputs = tuple(inputs)
+        self.nominal = np.array(nominal, dtype=float)
+        index = {name: k for k, name in enumerate(parameter_names)}
+        self.reference = np.array([row.reference for row in self.inputs])
+        # Half the middle 68 %: the standard deviation of a Normal, and finite where a distribution has none.
+        self.spread = np.array(
+            [
+                0.5 * (row.distribution.computeQuantile(0.8413)[0] - row.distribution.computeQuantile(0.1587)[0])
+                for row in self.inputs
+            ]
+        )
+        self._moves = [(index[name], j, row.factor) for j, row in enumerate(self.inputs) for name in row.parameters]
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """Derivative of the parameters with respect to the inputs, shape (P, n)."""
+        matrix = np.zeros((len(self.nominal), len(self.inputs)))
+        for parameter, column, factor in self._moves:
+            matrix[parameter, column] = factor
+        return matrix
+
+    def parameters(self, sample: np.ndarray) -> np.ndarray:
+        """Parameters of each row of a sample.
+
+        Parameters
+        ----------
+        sample : ndarray, shape (N, n)
+            In the units of the inputs.
+
+        Returns
+        -------
+        parameters : ndarray, shape (N, P)
+            SI.
+        """
+        parameters = np.tile(self.nominal, (len(sample), 1))
+        for parameter, column, factor in self._moves:
+            parameters[:, parameter] += factor * (sample[:, column] - self.reference[column])
+        return parameters
+
+    def gradient(self, jacobian: np.ndarray) -> np.ndarray:
+        """Derivatives with respect to the inputs from derivatives with respect to the parameters.
+
+        Parameters
+        ----------
+        jacobian : ndarray, shape (N, Q, P)
+
+        Returns
+        -------
+        gradient : ndarray, shape (N, n, Q)
+            The transposed Jacobian of each row, as OpenTURNS has it.
+        """
+        gradient = np.zeros((jacobian.shape[0], len(self.inputs), jacobian.shape[1]))
+        for parameter, column, factor in self._moves:
+            gradient[:, column, :] += factor * jacobian[:, :, parameter]
+        return gradient
+
+    def distribution(self, copula=None) -> ot.JointDistribution:
+        """The joint distribution of the inputs, independent unless a copula is given.
+
+        Parameters
+        ----------
+        copula : :class:`openturns.Distribution`, optional
+            A copula of dimension n.
+
+        Returns
+        -------
+        distribution : :class:`openturns.JointDistribution`
+            Its description holds the name and unit of each input.
+
+        Raises
+        ------
+        ValueError
+            If there are no inputs, or the copula is none, or has another dimension, or is a Student copula (building
+            a joint distribution with one ends the interpreter in OpenTURNS 1.27).
+        """
+        if not self.inputs:
+            raise ValueError("the case has no uncertain inputs; give at least one in its table [inputs]")
+        marginals = [row.distribution for row in self.inputs]
+        if copula is None:
+            joint = ot.JointDistribution(marginals)
+        else:
+            copula = ot.Distribution(copula)
+            kind = copula.getImplementation().getClassName()
+            if not copula.isCopula() or copula.getDimension() != len(marginals):
+                raise ValueError(
+                    f"the copula given is a {kind} of dimension {copula.getDimension()}; "
+                    f"a copula of dimension {len(marginals)} is needed, one for each uncertain input"
+                )
+            if kind == "StudentCopula":
+                raise ValueError("a StudentCopula is not supported by OpenTURNS 1.27; a NormalCopula, for one, is")
+            joint = ot.JointDistribution(marginals, copula)
+        joint.setDescription([row.label for row in self.inputs])
+        return joint
