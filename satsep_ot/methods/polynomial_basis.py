@@ -54,7 +54,7 @@ def total_degree_indices(dimension: int, degree: int, norm: float = 1.0) -> np.n
     >>> total_degree_indices(2, 2).tolist()
     [[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]]
     >>> len(total_degree_indices(2, 4, norm=0.5))
-    9
+    10
     """
     indices = [((), 0.0)]
     budget = degree**norm * (1.0 + 1e-12)
@@ -106,8 +106,8 @@ class PolynomialBasis:
     >>> import numpy as np
     >>> from satsep_ot.methods.polynomial_basis import PolynomialBasis
     >>> basis = PolynomialBasis(2, 2)
-    >>> basis.evaluate(np.array([[1.0, 3.0]]))[:, 0].round(4).tolist()
-    [1.0, 1.0, 3.0, 0.0, 3.0, 5.6569]
+    >>> basis.evaluate(np.array([[2.0, 3.0]]))[:, 0].round(4).tolist()
+    [1.0, 2.0, 3.0, 2.1213, 6.0, 5.6569]
     """
 
     def __init__(self, dimension: int, degree: int, norm: float = 1.0, recurrence: np.ndarray | None = None):

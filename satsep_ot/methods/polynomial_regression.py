@@ -1,0 +1,487 @@
+"""Multivariate polynomial regression with what is needed to judge it, as a native OpenTURNS function."""
+
+import dataclasses
+import math
+
+import numpy as np
+import openturns as ot
+
+from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, hermite_recurrence
+
+# Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
+HUBER_CONSTANT = 1.345
+HUBER_STEPS = 50
+HIGHEST_DEGREE = 10
+
+
+@dataclasses.dataclass
+class _Reduction:
+    """Inputs to the variables of the polynomial families, z = slope (x - centre)."""
+
+    law: ot.Distribution
+    families: list
+    centre: np.ndarray
+    slope: np.ndarray
+
+    def apply(self, points):
+        return (np.asarray(points, dtype=float) - self.centre) * self.slope
+
+
+class MultivariatePolynomialRegression:
+    """Least squares on orthonormal polynomials of several variables, of total degree 4 by default.
+
+    Parameters
+    ----------
+    inputSample : array (N, d) or :py:class:`openturns.Sample`
+        Inputs, best the active variables.
+    outputSample : array (N, p) or :py:class:`openturns.Sample`
+        Outputs.
+    distribution : :py:class:`openturns.Distribution`, optional
+        Law of the inputs, with independent continuous marginals: the polynomials are orthonormal under it (Hermite
+        for normal, Legendre for uniform, Laguerre for gamma, Jacobi for beta, computed for any other marginal).
+        By default independent normals with the mean and the standard deviation of the sample.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+    >>> ot.RandomGenerator.SetSeed(0)
+    >>> function = ot.SymbolicFunction(["a", "b"], ["1 + a - b^3 * a"])
+    >>> inputs = ot.Normal(2).getSample(60)
+    >>> regression = MultivariatePolynomialRegression(inputs, function(inputs), ot.Normal(2))
+    >>> regression.run()
+    >>> result = regression.getResult()
+    >>> print(round(result.getMetaModel()([2.0, 1.0])[0], 9), round(result.getVariance()[0], 9))
+    1.0 16.0
+    """
+
+    def __init__(self, inputSample, outputSample, distribution=None):
+        self._points = np.array(inputSample, dtype=float)
+        self._values = np.array(outputSample, dtype=float)
+        if self._points.ndim != 2 or self._values.ndim != 2 or len(self._points) != len(self._values):
+            raise ValueError(
+                f"The samples must have shapes (N, d) and (N, p), got {self._points.shape} and {self._values.shape}."
+            )
+        if len(self._points) < 1 or self._points.shape[1] < 1 or self._values.shape[1] < 1:
+            raise ValueError(f"The samples are empty: shapes {self._points.shape} and {self._values.shape}.")
+        for name, array in (("inputs", self._points), ("outputs", self._values)):
+            finite = np.isfinite(array).all(axis=1)
+            if not finite.all():
+                row = int((~finite).argmax())
+                raise ValueError(
+                    f"The {name} must be finite, but {int((~finite).sum())} of {len(array)} rows are not, "
+                    f"the first is row {row}: {array[row].tolist()}."
+                )
+        self._distribution = None if distribution is None else self._checkedDistribution(distribution)
+        self._descriptions = [
+            list(sample.getDescription()) if isinstance(sample, ot.Sample) else None
+            for sample in (inputSample, outputSample)
+        ]
+        self._degree = 4
+        self._norm = 1.0
+        self._weights = None
+        self._robust = False
+        self._result = None
+
+    def _checkedDistribution(self, distribution):
+        distribution = ot.Distribution(distribution)
+        d = self._points.shape[1]
+        if distribution.getDimension() != d:
+            raise ValueError(f"The distribution has dimension {distribution.getDimension()}, the inputs {d}.")
+        if not (distribution.isContinuous() and distribution.hasIndependentCopula()):
+            raise ValueError(
+                "The distribution must have independent continuous marginals; for others work in the standard space."
+            )
+        return distribution
+
+    def __repr__(self):
+        return (
+            f"MultivariatePolynomialRegression(size={len(self._points)}, inputs={self._points.shape[1]}, "
+            f"outputs={self._values.shape[1]}, degree={self._degree})"
+        )
+
+    def setDegree(self, degree):
+        """Highest total degree, 0 to 10 (default 4)."""
+        if int(degree) != degree or not 0 <= degree <= HIGHEST_DEGREE:
+            raise ValueError(f"The degree must be an integer from 0 to {HIGHEST_DEGREE}, got {degree}.")
+        self._degree = int(degree)
+
+    def getDegree(self):
+        """Highest total degree."""
+        return self._degree
+
+    def setHyperbolicNorm(self, norm):
+        """Norm q of the index set, in (0, 1]: 1 (default) is the total degree, less drops interactions."""
+        if not 0.0 < norm <= 1.0:
+            raise ValueError(f"The norm of the index set must be in (0, 1], got {norm}.")
+        self._norm = float(norm)
+
+    def setWeights(self, weights):
+        """Weights (N,), not negative: the sum of weight times squared residual is minimised; None for equal ones."""
+        if weights is not None:
+            weights = np.array(weights, dtype=float).reshape(-1)
+            if weights.shape != (len(self._points),) or not (np.isfinite(weights).all() and (weights >= 0.0).all()):
+                raise ValueError(f"The weights must be {len(self._points)} finite numbers >= 0.")
+        self._weights = weights
+
+    def setRobust(self, robust):
+        """Huber's estimator by reweighting (one output): points far off the fit count less."""
+        if robust and self._values.shape[1] != 1:
+            raise ValueError(f"The robust fit needs one output, there are {self._values.shape[1]}.")
+        self._robust = bool(robust)
+
+    def selectDegree(self, highest=4, folds=10):
+        """Set the degree by block cross-validation with parsimony.
+
+        The smallest degree whose mean squared prediction error is within one standard error of the best one
+        (Hastie, Tibshirani and Friedman 2009, section 7.10). Folds are drawn from ``ot.RandomGenerator``.
+
+        Returns
+        -------
+        dict
+            Root mean squared prediction error by degree that could be fitted, averaged over the outputs in units
+            of their standard deviation.
+        """
+        order = np.array(ot.RandomGenerator.IntegerGenerate(2**31 - 1, len(self._points))).argsort(kind="stable")
+        blocks = np.array_split(order, min(folds, len(order)))
+        spread = self._values.var(axis=0)
+        spread[spread == 0.0] = 1.0
+        errors = {}
+        reduction = self._reduction()
+        reduced = reduction.apply(self._points)
+        for degree in range(highest + 1):
+            basis = self._basis(reduction.families, degree)
+            if 2 * basis.size > len(self._points):
+                break
+            try:
+                fit = self._fit(basis, reduced)
+            except ValueError:
+                break
+            squared = (fit.k_fold(blocks) ** 2 / spread).mean(axis=1)
+            errors[degree] = np.array([squared[block].mean() for block in blocks])
+        if not errors:
+            raise ValueError(f"{len(self._points)} points are too few to compare degrees: two at least are needed.")
+        best = min(errors, key=lambda degree: errors[degree].mean())
+        allowed = errors[best].mean() + errors[best].std(ddof=1) / math.sqrt(len(blocks))
+        # Errors at rounding level are equal: an exact fit of low degree must not lose to a higher one.
+        self._degree = min(degree for degree in errors if errors[degree].mean() <= max(allowed, 1e-24))
+        return {degree: float(np.sqrt(error.mean())) for degree, error in errors.items()}
+
+    def _law(self):
+        if self._distribution is not None:
+            return self._distribution
+        scale = self._points.std(axis=0)
+        # An input that does not vary is found by the rank, with its own message.
+        scale[scale == 0.0] = 1.0
+        return ot.JointDistribution(
+            [ot.Normal(float(m), float(s)) for m, s in zip(self._points.mean(axis=0), scale, strict=True)]
+        )
+
+    def _reduction(self):
+        law = self._law()
+        families, centre, slope = [], [], []
+        for i in range(law.getDimension()):
+            marginal = law.getMarginal(i)
+            family = ot.StandardDistributionPolynomialFactory(marginal)
+            measure = family.getMeasure()
+            ratio = measure.getStandardDeviation()[0] / marginal.getStandardDeviation()[0]
+            families.append(family)
+            slope.append(ratio)
+            # So that mean and standard deviation go to those of the family's own measure.
+            centre.append(marginal.getMean()[0] - measure.getMean()[0] / ratio)
+        return _Reduction(law, families, np.array(centre), np.array(slope))
+
+    def _basis(self, families, degree):
+        recurrences = []
+        for family in families:
+            if family.getMeasure().getImplementation().getClassName() == "Normal":
+                recurrences.append(hermite_recurrence(degree))
+            else:
+                rows = [list(family.getRecurrenceCoefficients(order)) for order in range(degree)]
+                recurrences.append(np.array(rows).reshape(degree, 3))
+        return PolynomialBasis(len(families), degree, self._norm, np.array(recurrences))
+
+    def _fit(self, basis, reduced):
+        fit = fit_polynomial(basis, reduced, self._values, self._weights)
+        if not self._robust:
+            return fit
+        base = np.ones(len(reduced)) if self._weights is None else self._weights
+        for _ in range(HUBER_STEPS):
+            error = np.abs(fit.residuals[:, 0])
+            # Median absolute residual as the scale, consistent for normal noise.
+            scale = np.median(error) / 0.6744897501960817
+            if scale == 0.0:
+                return fit
+            weights = base * np.minimum(1.0, HUBER_CONSTANT * scale / np.maximum(error, 1e-300))
+            previous = fit.coefficients
+            fit = fit_polynomial(basis, reduced, self._values, weights)
+            if np.abs(fit.coefficients - previous).max() <= 1e-10 * np.abs(fit.coefficients).max():
+                return fit
+        change = np.abs(fit.coefficients - previous).max() / np.abs(fit.coefficients).max()
+        if change > 1e-4:
+            raise RuntimeError(
+                f"The robust fit did not converge in {HUBER_STEPS} steps: the coefficients still change by "
+                f"{change:.2g} relative to the largest."
+            )
+        return fit
+
+    def run(self):
+        """Fit.
+
+        Raises
+        ------
+        ValueError
+            Fewer points than terms, or a rank below the number of terms; the rank is named.
+        """
+        reduction = self._reduction()
+        fit = self._fit(self._basis(reduction.families, self._degree), reduction.apply(self._points))
+        self._result = MultivariatePolynomialRegressionResult(
+            fit, self._points, self._values, reduction, self._descriptions
+        )
+
+    def getResult(self):
+        """The :class:`MultivariatePolynomialRegressionResult` of the last run."""
+        if self._result is None:
+            raise RuntimeError("There is no result yet: call run() first.")
+        return self._result
+
+
+class MultivariatePolynomialRegressionResult:
+    """Result of :class:`MultivariatePolynomialRegression`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+    >>> inputs = np.linspace(-1.0, 1.0, 30)[:, None]
+    >>> regression = MultivariatePolynomialRegression(inputs, np.exp(inputs))
+    >>> regression.run()
+    >>> bool(regression.getResult().getQ2LeaveOneOut()[0] > 0.9999)
+    True
+    """
+
+    def __init__(self, fit, points, values, reduction, descriptions):
+        self._fit = fit
+        self._points = points
+        self._values = values
+        self._reduction = reduction
+        self._descriptions = descriptions
+        self._metaModel = None
+
+    def __repr__(self):
+        return (
+            f"MultivariatePolynomialRegressionResult(size={len(self._points)}, degree={self.getDegree()}, "
+            f"terms={self._fit.basis.size})"
+        )
+
+    def getDegree(self):
+        """Highest total degree."""
+        return self._fit.basis.degree
+
+    def getDistribution(self):
+        """Law of the inputs under which the polynomials are orthonormal."""
+        return self._reduction.law
+
+    def getInputSample(self):
+        """Inputs, :py:class:`openturns.Sample` (N, d)."""
+        return ot.Sample(self._points)
+
+    def getOutputSample(self):
+        """Outputs, :py:class:`openturns.Sample` (N, p)."""
+        return ot.Sample(self._values)
+
+    def getIndices(self):
+        """Exponents of each term, ndarray of int (P, d); the first is the constant."""
+        return self._fit.basis.indices.copy()
+
+    def getCoefficients(self):
+        """Coefficients, :py:class:`openturns.Sample` (P, p)."""
+        return ot.Sample(self._fit.coefficients)
+
+    def getRank(self):
+        """Numerical rank of the weighted design, which is its number of terms."""
+        return self._fit.rank
+
+    def getConditionNumber(self):
+        """Condition number of the weighted design (estimate in the 1-norm)."""
+        return float(self._fit.condition)
+
+    def evaluate(self, points):
+        """Predictions on arrays, (n, d) to (n, p); the fast way."""
+        return self._fit.predict(self._reduction.apply(points))
+
+    def computeGradient(self, points):
+        """Gradients at points (n, d): ndarray (n, d, p)."""
+        return self._fit.predict_gradient(self._reduction.apply(points)) * self._reduction.slope[:, None]
+
+    def computeHessian(self, points):
+        """Second derivatives at points (n, d): ndarray (n, d, d, p)."""
+        hessian = self._fit.basis.predict_hessian(self._reduction.apply(points), self._fit.coefficients)
+        return hessian * (self._reduction.slope[:, None] * self._reduction.slope)[:, :, None]
+
+    def getMetaModel(self):
+        """The polynomial as a native :py:class:`openturns.Function` with exact derivatives."""
+        if self._metaModel is None:
+            basis = self._fit.basis
+            d = basis.dimension
+            product = ot.OrthogonalProductPolynomialFactory(self._reduction.families)
+            enumerate_ = product.getEnumerateFunction()
+            terms = [product.build(enumerate_.inverse(alpha)) for alpha in basis.indices.tolist()]
+            if self._values.shape[1] == 1:
+                expansion = ot.LinearCombinationFunction(terms, self._fit.coefficients[:, 0])
+            else:
+                expansion = ot.DualLinearCombinationFunction(terms, self._fit.coefficients)
+            reduction = ot.LinearFunction(self._reduction.centre, [0.0] * d, ot.Matrix(np.diag(self._reduction.slope)))
+            metaModel = ot.ComposedFunction(expansion, reduction)
+            inputs, outputs = self._descriptions
+            metaModel.setInputDescription(inputs or [f"x{i}" for i in range(d)])
+            metaModel.setOutputDescription(outputs or [f"y{i}" for i in range(self._values.shape[1])])
+            self._metaModel = metaModel
+        return self._metaModel
+
+    def getMetaModelResult(self):
+        """An :py:class:`openturns.MetaModelResult` of the samples and the native function."""
+        return ot.MetaModelResult(ot.Sample(self._points), ot.Sample(self._values), self.getMetaModel())
+
+    def getMetaModelValidation(self, inputSample=None, outputSample=None):
+        """An :py:class:`openturns.MetaModelValidation`.
+
+        On the sample given; without one on the leave-one-out predictions of the training sample, not on its fit.
+        """
+        if inputSample is None:
+            predictions = self._values - self._fit.leave_one_out()
+            if not np.isfinite(predictions).all():
+                raise ValueError("A point of leverage 1 has no leave-one-out prediction: give a validation sample.")
+            return ot.MetaModelValidation(ot.Sample(self._values), ot.Sample(predictions))
+        return ot.MetaModelValidation(
+            ot.Sample(np.asarray(outputSample, dtype=float)), self.getMetaModel()(inputSample)
+        )
+
+    def getResiduals(self):
+        """Observed minus fitted, :py:class:`openturns.Sample` (N, p)."""
+        return ot.Sample(self._fit.residuals)
+
+    def getLeverages(self):
+        """Leverages, :py:class:`openturns.Point` (N)."""
+        return ot.Point(self._fit.leverages)
+
+    def getNoiseVariance(self):
+        """Unbiased estimate of the noise variance of each output (that of weight 1).
+
+        Raises
+        ------
+        ValueError
+            As many terms as points leave no residual to estimate it from.
+        """
+        if len(self._points) == self._fit.rank:
+            raise ValueError(f"{len(self._points)} points and as many terms leave no residual to estimate noise from.")
+        return ot.Point(self._fit.noise_variance)
+
+    def getLeaveOneOutResiduals(self):
+        """Errors of the fits without each point, e_i / (1 - h_i), :py:class:`openturns.Sample` (N, p)."""
+        return ot.Sample(self._fit.leave_one_out())
+
+    def getKFoldResiduals(self, folds=10):
+        """Errors of the fits without each block, (I - H_kk)^-1 e_k, :py:class:`openturns.Sample` (N, p).
+
+        Parameters
+        ----------
+        folds : int or sequence of int arrays
+            Number of blocks, drawn from ``ot.RandomGenerator``, or the blocks themselves.
+        """
+        if isinstance(folds, int):
+            if not 2 <= folds <= len(self._points):
+                raise ValueError(f"The number of folds must be 2 to {len(self._points)}, got {folds}.")
+            order = np.array(ot.RandomGenerator.IntegerGenerate(2**31 - 1, len(self._points))).argsort(kind="stable")
+            folds = np.array_split(order, folds)
+        return ot.Sample(self._fit.k_fold([np.asarray(fold, dtype=int) for fold in folds]))
+
+    def _q2(self, errors):
+        spread = ((self._values - self._values.mean(axis=0)) ** 2).sum(axis=0)
+        if not (spread > 0.0).all():
+            raise ValueError("An output is constant over the sample: Q2 is not defined for it.")
+        return ot.Point(1.0 - (np.asarray(errors) ** 2).sum(axis=0) / spread)
+
+    def getR2(self):
+        """1 - residual over total sum of squares of each output, on the training sample."""
+        return self._q2(self._fit.residuals)
+
+    def getQ2LeaveOneOut(self):
+        """1 - leave-one-out over total sum of squares of each output."""
+        return self._q2(self._fit.leave_one_out())
+
+    def getQ2KFold(self, folds=10):
+        """1 - sum of squares of the block cross-validation over the total one, of each output."""
+        return self._q2(self.getKFoldResiduals(folds))
+
+    def getCoefficientsCovariance(self, output=0):
+        """Covariance of the coefficients of one output, :py:class:`openturns.CovarianceMatrix` (P, P)."""
+        inverse = np.linalg.inv(self._fit._factor)
+        return ot.CovarianceMatrix(self.getNoiseVariance()[output] * (inverse @ inverse.T))
+
+    def getCoefficientsInterval(self, level=0.95, output=0):
+        """Student intervals of the coefficients of one output, :py:class:`openturns.Interval` (P)."""
+        deviation = np.sqrt(np.array(self.getCoefficientsCovariance(output)).diagonal())
+        half = self._quantile(level) * deviation
+        coefficients = self._fit.coefficients[:, output]
+        return ot.Interval(coefficients - half, coefficients + half)
+
+    def _quantile(self, level):
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"The confidence level must be in (0, 1), got {level}.")
+        return ot.Student(float(len(self._points) - self._fit.rank)).computeQuantile(0.5 + 0.5 * level)[0]
+
+    def getPredictionVariance(self, points, noise=True):
+        """Variance of predictions at points (n, d): ndarray (n, p).
+
+        Parameters
+        ----------
+        noise : bool
+            True: of a new observation, sigma^2 (1 + q^T q); False: of the fitted mean, sigma^2 q^T q.
+        """
+        relative = self._fit.relative_variance(self._reduction.apply(points))
+        return (relative + (1.0 if noise else 0.0))[:, None] * np.array(self.getNoiseVariance())
+
+    def getPredictionInterval(self, points, level=0.95, noise=True):
+        """Student intervals of predictions at points (n, d): lower and upper ndarray, each (n, p)."""
+        quantile = self._quantile(level)
+        half = quantile * np.sqrt(self.getPredictionVariance(points, noise))
+        mean = self.evaluate(points)
+        return mean - half, mean + half
+
+    def getMean(self):
+        """Mean of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
+        return ot.Point(self._fit.coefficients[0])
+
+    def getVariance(self):
+        """Variance of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
+        return ot.Point((self._fit.coefficients[1:] ** 2).sum(axis=0))
+
+    def _share(self, selected, output):
+        coefficients = self._fit.coefficients[:, output] ** 2
+        total = coefficients[1:].sum()
+        if not total > 0.0:
+            raise ValueError(f"Output {output} of the polynomial is constant: it has no Sobol indices.")
+        return float(coefficients[selected].sum() / total)
+
+    def getSobolIndex(self, variables, output=0):
+        """Sobol index of one input (int) or the interaction index of several (sequence of int)."""
+        inside = np.zeros(self._fit.basis.dimension, dtype=bool)
+        inside[np.atleast_1d(variables)] = True
+        return self._share(((self._fit.basis.indices > 0) == inside).all(axis=1), output)
+
+    def getTotalSobolIndex(self, variable, output=0):
+        """Total Sobol index of one input."""
+        return self._share(self._fit.basis.indices[:, variable] > 0, output)
+
+    def getGradientMatrix(self, output=0):
+        """Expected outer product of the polynomial's gradient, E[grad grad^T], :py:class:`openturns.Matrix` (d, d).
+
+        Exact from the coefficients, since the derivative has coefficients in the same orthonormal basis.
+        """
+        basis = self._fit.basis
+        slopes = np.stack(
+            [basis.derivative_coefficients(self._fit.coefficients[:, output], j) for j in range(basis.dimension)]
+        )
+        slopes *= self._reduction.slope[:, None]
+        return ot.Matrix(slopes @ slopes.T)
