@@ -6,6 +6,12 @@ import numpy as np
 import openturns as ot
 from scipy import linalg
 
+from satsep_ot.methods.active_variables import (
+    activeTransformation,
+    drawSufficientSummary,
+    inverseActiveTransformation,
+    surrogate_degree,
+)
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
 from satsep_ot.methods.ridge_approximation import orient, subspace_distance
 from satsep_ot.methods.standard_space import StandardSpace
@@ -219,14 +225,6 @@ def cross_validated_error(points, values, gradients, dimension, scales, weights,
         error = values[fold] - fit.predict(points[fold] @ directions)
         errors[fold] = (error**2 / scales).sum(axis=1)
     return errors
-
-
-def surrogate_degree(count, dimension, largest=4):
-    """The highest degree up to ``largest`` with at least two points for each polynomial term."""
-    degree = largest
-    while degree > 0 and 2 * math.comb(dimension + degree, degree) > count:
-        degree -= 1
-    return degree
 
 
 def estimate_noise(function, point, direction, spacing=1e-6):
@@ -803,17 +801,12 @@ class ActiveSubspaceResult:
     def getTransformation(self):
         """Physical inputs to active variables, y = W1^T T(x), a native :py:class:`openturns.Function`."""
         self._needDirections()
-        linear = ot.LinearFunction(
-            [0.0] * self._vectors.shape[0], [0.0] * self._dimension, ot.Matrix(np.ascontiguousarray(self._active().T))
-        )
-        linear.setOutputDescription([f"y{i + 1}" for i in range(self._dimension)])
-        return ot.ComposedFunction(linear, self._space.getTransformation())
+        return activeTransformation(self._space, self._active())
 
     def getInverseTransformation(self):
         """Active variables to the physical inputs with inactive variables 0, x = T^-1(W1 y), a native function."""
         self._needDirections()
-        linear = ot.LinearFunction([0.0] * self._dimension, [0.0] * self._vectors.shape[0], ot.Matrix(self._active()))
-        return ot.ComposedFunction(self._space.getInverseTransformation(), linear)
+        return inverseActiveTransformation(self._space, self._active())
 
     def getStandardSpace(self):
         """The :class:`~satsep_ot.methods.standard_space.StandardSpace` that was used."""
@@ -1020,46 +1013,8 @@ class ActiveSubspaceResult:
         _check_level(level)
         if not 0 <= output < self._values.shape[1]:
             raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
-        shown = min(self._dimension, 2)
-        active = self._points @ self._active()[:, :shown]
-        values = self._values[:, output]
-        basis = PolynomialBasis(shown, surrogate_degree(len(active), shown))
-        fit = fit_polynomial(basis, active, values, self._weights, allow_deficient=True)
-        lower, upper = active.min(axis=0), active.max(axis=0)
-        if shown == 1:
-            graph = ot.Graph("Sufficient summary", "active variable 1", f"output {output}", True, "upper left")
-            grid = np.linspace(lower, upper, 101)
-            curve = fit.predict(grid)
-            cloud = ot.Cloud(active[:, 0], values)
-            cloud.setLegend("runs")
-            graph.add(cloud)
-            line = ot.Curve(grid[:, 0], curve)
-            line.setLegend(f"degree {basis.degree}")
-            line.setColor("black")
-            graph.add(line)
-            variance = fit.noise_variance
-            if np.isfinite(variance):
-                quantile = ot.Student(len(values) - fit.rank).computeQuantile(0.5 + 0.5 * level)[0]
-                half = quantile * np.sqrt(variance * (1.0 + fit.relative_variance(grid)))
-                for number, bound in enumerate((curve - half, curve + half)):
-                    edge = ot.Curve(grid[:, 0], bound)
-                    edge.setLineStyle("dashed")
-                    edge.setColor("black")
-                    edge.setLegend("" if number else f"{100 * level:g} % band")
-                    graph.add(edge)
-            return graph
-        graph = ot.Graph(f"Sufficient summary of output {output}", "active variable 1", "active variable 2", True, "")
-        first, second = (np.linspace(low, high, 41) for low, high in zip(lower, upper, strict=True))
-        # OpenTURNS' contour takes the first variable as the fast one.
-        mesh = np.column_stack([np.tile(first, 41), np.repeat(second, 41)])
-        contour = ot.Contour(41, 41, ot.Sample(fit.predict(mesh)[:, None]))
-        contour.setX(ot.Sample(first[:, None]))
-        contour.setY(ot.Sample(second[:, None]))
-        graph.add(contour)
-        cloud = ot.Cloud(active)
-        cloud.setColor("black")
-        graph.add(cloud)
-        return graph
+        active = self._points @ self._active()
+        return drawSufficientSummary(active, self._values[:, output], self._weights, f"output {output}", level)
 
     def compareDirections(self, directions):
         """Distance ||W W^T - V V^T||_2 of the active subspace to another one given by (d, r) columns."""

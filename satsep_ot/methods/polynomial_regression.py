@@ -14,6 +14,19 @@ HUBER_STEPS = 50
 HIGHEST_DEGREE = 10
 
 
+def shuffled_folds(size, folds):
+    """Positions 0 to ``size`` - 1 in random blocks of nearly equal size, from ``ot.RandomGenerator``.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.polynomial_regression import shuffled_folds
+    >>> [len(block) for block in shuffled_folds(5, 2)]
+    [3, 2]
+    """
+    order = np.array(ot.RandomGenerator.Generate(size)).argsort(kind="stable")
+    return [np.sort(block) for block in np.array_split(order, min(folds, size))]
+
+
 @dataclasses.dataclass
 class _Reduction:
     """Inputs to the variables of the polynomial families, z = slope (x - centre)."""
@@ -142,8 +155,7 @@ class MultivariatePolynomialRegression:
             Root mean squared prediction error by degree that could be fitted, averaged over the outputs in units
             of their standard deviation.
         """
-        order = np.array(ot.RandomGenerator.IntegerGenerate(2**31 - 1, len(self._points))).argsort(kind="stable")
-        blocks = np.array_split(order, min(folds, len(order)))
+        blocks = shuffled_folds(len(self._points), folds)
         spread = self._values.var(axis=0)
         spread[spread == 0.0] = 1.0
         errors = {}
@@ -392,8 +404,7 @@ class MultivariatePolynomialRegressionResult:
         if isinstance(folds, int):
             if not 2 <= folds <= len(self._points):
                 raise ValueError(f"The number of folds must be 2 to {len(self._points)}, got {folds}.")
-            order = np.array(ot.RandomGenerator.IntegerGenerate(2**31 - 1, len(self._points))).argsort(kind="stable")
-            folds = np.array_split(order, folds)
+            folds = shuffled_folds(len(self._points), folds)
         return ot.Sample(self._fit.k_fold([np.asarray(fold, dtype=int) for fold in folds]))
 
     def _q2(self, errors):
