@@ -150,23 +150,27 @@ def ladle_dimension(eigenvalues, vectors, replicates):
     """Dimension by the ladle estimator of Luo and Li, Biometrika 103 (2016).
 
     The k that minimises the sum of the next eigenvalue and of the bootstrap variability
-    1 - |det(W_k^T V_k)| of the first k vectors, each normalised by its sum over k.
+    1 - |det(W_k^T V_k)| of the first k vectors, each normalised by its sum over k (the latter plus 1).
 
     Returns
     -------
     int
         0 for equal eigenvalues and for a zero matrix.
     """
-    largest = replicates.shape[2]
+    d = len(eigenvalues)
+    if not eigenvalues[0] > 0.0:
+        return 0
+    if d == 1:
+        return 1
+    # All d vectors always span everything: that choice would need no data.
+    largest = min(replicates.shape[2], d - 1)
     overlap = vectors.T @ replicates
     variability = np.zeros(largest + 1)
-    for k in range(1, min(largest, len(eigenvalues) - 1) + 1):
+    for k in range(1, largest + 1):
         variability[k] = np.mean(1.0 - np.abs(np.linalg.det(overlap[:, :k, :k])))
-    following = np.append(eigenvalues, 0.0)[: largest + 1]
-    if not following[0] > 0.0:
-        return 0
-    total = variability.sum()
-    score = following / following.sum() + (variability / total if total > 0.0 else 0.0)
+    following = eigenvalues[: largest + 1]
+    # The eigenvalues are taken relative to their sum, so that the unit of the output does not matter.
+    score = following / following.sum() + variability / (1.0 + variability.sum())
     # Equal up to rounding: the smaller dimension.
     return int(np.argmax(score <= score.min() + 1e-12))
 
@@ -550,10 +554,9 @@ class ActiveSubspaceAlgorithm:
         ValueError
             An output or a gradient that is not finite; a dimension asked of a constant function.
         """
-        remarks = []
         noise = step = None
         if self._data is not None:
-            self._result = ActiveSubspaceResult(self._space, *self._data, self._options(), remarks)
+            self._result = ActiveSubspaceResult(self._space, *self._data, self._bootstrapSize, self._dimension)
             self._result._setCost(0, 0, None, None)
             return
         differences = self._usesDifferences()
@@ -583,7 +586,13 @@ class ActiveSubspaceAlgorithm:
                     raise ValueError(
                         "The weight function must return one finite number >= 0 for each point, not all 0."
                     )
-            result = ActiveSubspaceResult(self._space, points, values, gradients, weights, self._options(), remarks)
+            gradientNoise = 0.0
+            if noise is not None:
+                # Differences turn noise of the values into noise of each component of the gradient.
+                gradientNoise = noise / step * (math.sqrt(0.5) if central else math.sqrt(2.0))
+            result = ActiveSubspaceResult(
+                self._space, points, values, gradients, weights, self._bootstrapSize, self._dimension, gradientNoise
+            )
             target = self._targetSubspaceError
             if target is None:
                 break
@@ -599,9 +608,6 @@ class ActiveSubspaceAlgorithm:
             wanted = min(math.ceil(1.5 * len(points)), self._maximumSamplingSize)
         result._setCost(self._evaluations, self._gradients, step, noise)
         self._result = result
-
-    def _options(self):
-        return self._bootstrapSize, self._dimension
 
     def getResult(self):
         """The :class:`ActiveSubspaceResult` of the last run."""
@@ -645,14 +651,13 @@ class ActiveSubspaceResult:
     >>> graph = result.drawEigenvalues()
     """
 
-    def __init__(self, space, points, values, gradients, weights, options, remarks):
-        bootstrapSize, dimension = options
+    def __init__(self, space, points, values, gradients, weights, bootstrapSize, dimension, gradientNoise=0.0):
         self._space = space
         self._points = points
         self._values = values
         self._gradients = gradients
         self._weights = weights
-        self._remarks = list(remarks)
+        self._remarks = []
         count, d, p = gradients.shape
         self._variances = np.cov(values.T, ddof=1).reshape(p, -1).diagonal() if count > 1 else np.zeros(p)
         self._scales = np.ones(p)
@@ -672,8 +677,11 @@ class ActiveSubspaceResult:
                 f"{count} gradients of {p} output(s) resolve {self._resolved} of {d} eigenvalues: the others are "
                 "reported as 0 and the error bound does not see them."
             )
+        # What rounding of the outputs, and the largest eigenvalue of pure noise in the gradients, can look like.
+        rounding = 1e-14 * np.abs(values).max(axis=0) / np.sqrt(self._scales)
+        edge = 2.0 * (1.0 + math.sqrt(d / count)) * gradientNoise / np.sqrt(self._scales)
+        self._constant = not self._eigenvalues[0] > max((rounding**2).max(), (edge**2).sum())
         self._choices = self._chooseDimension()
-        self._constant = not self._eigenvalues[0] > 0.0
         if dimension is not None and self._constant:
             raise ValueError(f"Dimension {dimension} was asked for, but the function is constant: all gradients are 0.")
         self._dimension = self._choices["chosen"] if dimension is None else dimension
@@ -695,8 +703,10 @@ class ActiveSubspaceResult:
         vectors = self._vectorReplicates[:, :, : self._largest]
         ladle = ladle_dimension(self._eigenvalues, self._vectors, vectors)
         gap = gap_dimension(self._eigenvalues, self._eigenvalueReplicates, self._largest)
+        if self._constant:
+            return {"ladle": 0, "gap": 0, "chosen": 0, "agree": True}
         choices = {"ladle": ladle, "gap": gap, "chosen": ladle, "agree": ladle == gap}
-        if ladle == gap or not self._eigenvalues[0] > 0.0:
+        if ladle == gap:
             return choices
         low, high = sorted((ladle, gap))
         if len(self._points) >= 3 * (high + 2):
@@ -761,7 +771,7 @@ class ActiveSubspaceResult:
         return list(self._remarks)
 
     def isConstant(self):
-        """Whether all gradients vanish."""
+        """Whether the gradients are 0 up to rounding and up to the noise of the differences."""
         return self._constant
 
     def getRepeatedGroups(self, level=0.95):

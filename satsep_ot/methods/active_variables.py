@@ -102,13 +102,13 @@ def drawSufficientSummary(active, values, weights=None, name="output", level=0.9
     fit = fit_polynomial(basis, active, values, weights, allow_deficient=True)
     lower, upper = active.min(axis=0), active.max(axis=0)
     cloud = ot.Cloud(active if shown == 2 else np.column_stack([active, values]))
-    cloud.setPointStyle("dot")
+    cloud.setPointStyle("fcircle")
     if shown == 2:
         graph = ot.Graph(f"Sufficient summary of {name}", "active variable 1", "active variable 2", True, "")
         first, second = (np.linspace(low, high, 41) for low, high in zip(lower, upper, strict=True))
         # OpenTURNS' contour takes the first variable as the fast one.
         mesh = np.column_stack([np.tile(first, 41), np.repeat(second, 41)])
-        graph.add(ot.Contour(first, second, ot.Sample(fit.predict(mesh)[:, None])))
+        graph.add(ot.Contour(*(ot.Sample(column[:, None]) for column in (first, second, fit.predict(mesh)))))
         cloud.setColor("black")
         graph.add(cloud)
         return graph

@@ -19,9 +19,9 @@ from satsep_ot.methods.standard_space import StandardSpace
 # The minimum-norm quadratic of the starting directions costs the cube of the number of points.
 STARTING_POINTS = 600
 # Gauss-Newton steps given to every start before only the best one is finished.
-SCREENING_STEPS = 6
+SCREENING_STEPS = 4
 # Points for each unknown that are enough to tell good starts from bad ones.
-SCREENING_RATIO = 4
+SCREENING_RATIO = 3
 
 
 @dataclasses.dataclass
