@@ -14,6 +14,8 @@ from scipy import linalg, sparse
 BLOCK_SIZE = 1024
 # Above this number of entries the product of the two half bases is done by degree instead of as one dense product.
 DENSE_SPLIT_SIZE = 400
+# What is left of 1 - leverage when the fit depends on the point alone.
+LOST_SLACK = 1e-12
 
 
 def hermite_recurrence(degree: int) -> np.ndarray:
@@ -407,7 +409,7 @@ class PolynomialFit:
         A point of leverage 1 cannot be predicted by the others: its error is infinite.
         """
         slack = 1.0 - self.leverages
-        lost = slack < 1e-12
+        lost = slack < LOST_SLACK
         slack[lost] = np.nan
         errors = (self.residuals.T / slack).T
         errors[lost] = np.inf
@@ -432,13 +434,15 @@ class PolynomialFit:
             shape = (len(fold),) + (1,) * (self.residuals.ndim - 1)
             matrix = np.eye(len(fold)) - rows @ rows.T
             try:
-                factor = linalg.cho_factor(matrix)
+                factor = linalg.cholesky(matrix, lower=True)
             except linalg.LinAlgError:
+                factor = np.zeros((1, 1))
+            if factor.diagonal().min() ** 2 < LOST_SLACK:
                 errors[fold] = np.inf
                 continue
             weighted = scale.reshape(shape) * self.residuals[fold]
             # A weight of 0 contributes nothing to the fit, so such a point is always out of sample.
-            solved = linalg.cho_solve(factor, weighted)
+            solved = linalg.cho_solve((factor, True), weighted)
             with np.errstate(divide="ignore", invalid="ignore"):
                 held_out = solved / scale.reshape(shape)
             errors[fold] = np.where(scale.reshape(shape) > 0.0, held_out, self.residuals[fold])

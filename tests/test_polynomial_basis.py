@@ -1,0 +1,194 @@
+"""The polynomial basis and its least squares against brute force, numpy and closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.polynomial import hermite_e, legendre
+
+from satsep_ot.methods.polynomial_basis import (
+    PolynomialBasis,
+    fit_polynomial,
+    number_of_terms,
+    total_degree_indices,
+)
+
+
+def hermite(order, x):
+    return hermite_e.hermeval(x, np.eye(order + 1)[order]) / math.sqrt(math.factorial(order))
+
+
+def brute_force(basis, points):
+    return np.array(
+        [
+            np.prod([hermite(order, x) for order, x in zip(alpha, points.T, strict=True)], axis=0)
+            for alpha in basis.indices
+        ]
+    )
+
+
+@pytest.fixture
+def random():
+    return np.random.default_rng(7)
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3, 6])
+@pytest.mark.parametrize("norm", [1.0, 0.6])
+def test_basis_and_prediction_match_products_of_numpy_polynomials(random, dimension, norm):
+    basis = PolynomialBasis(dimension, 4, norm)
+    points = random.standard_normal((1500, dimension))
+    reference = brute_force(basis, points)
+    np.testing.assert_allclose(basis.evaluate(points), reference, atol=1e-11, rtol=1e-11)
+    coefficients = random.standard_normal((basis.size, 2))
+    np.testing.assert_allclose(basis.predict(points, coefficients), reference.T @ coefficients, atol=1e-10)
+    np.testing.assert_allclose(basis.predict(points, coefficients[:, 0]), reference.T @ coefficients[:, 0], atol=1e-10)
+
+
+def test_ten_variables_are_split_by_degree(random):
+    basis = PolynomialBasis(10, 4)
+    assert basis.size == number_of_terms(10, 4) == 1001
+    points = random.standard_normal((30, 10))
+    coefficients = random.standard_normal(basis.size)
+    np.testing.assert_allclose(
+        basis.predict(points, coefficients), brute_force(basis, points).T @ coefficients, rtol=1e-9
+    )
+
+
+def test_index_sets():
+    assert len(total_degree_indices(6, 4)) == 210
+    hyperbolic = total_degree_indices(3, 4, 0.5)
+    assert all((np.sqrt(alpha).sum()) ** 2 <= 4.0 + 1e-9 for alpha in hyperbolic)
+    everything = total_degree_indices(3, 4)
+    inside = [tuple(a) for a in everything if np.sqrt(a).sum() ** 2 <= 4.0 + 1e-9]
+    assert sorted(inside) == sorted(map(tuple, hyperbolic))
+
+
+def test_derivatives_match_differences_of_the_polynomial(random):
+    # A recurrence with all three coefficients: Jacobi-like, made by shifting Legendre.
+    order = np.arange(5)
+    a = np.sqrt((2 * order + 1) * (2 * order + 3)) / (order + 1)
+    c = -order / (order + 1) * np.sqrt((2 * order + 3) / np.maximum(2 * order - 1, 1))
+    shifted = np.column_stack([2.0 * a, -a, c])
+    basis = PolynomialBasis(2, 5, recurrence=np.array([shifted, shifted]))
+    points = random.uniform(0.0, 1.0, (20, 2))
+    third = legendre.legval(2.0 * points[:, 0] - 1.0, [0, 0, 0, 1]) * math.sqrt(7.0)
+    position = basis.indices.tolist().index([3, 0])
+    np.testing.assert_allclose(basis.evaluate(points)[position], third, atol=1e-12)
+    coefficients = random.standard_normal(basis.size)
+    gradient = basis.predict_gradient(points, coefficients)
+    hessian = basis.predict_hessian(points, coefficients)
+    for j in range(2):
+        step = 1e-5 * np.eye(2)[j]
+        forward, backward = points + step, points - step
+        np.testing.assert_allclose(
+            gradient[:, j],
+            (basis.predict(forward, coefficients) - basis.predict(backward, coefficients)) / 2e-5,
+            rtol=1e-6,
+            atol=1e-5,
+        )
+        np.testing.assert_allclose(
+            hessian[:, j],
+            (basis.predict_gradient(forward, coefficients) - basis.predict_gradient(backward, coefficients)) / 2e-5,
+            rtol=1e-6,
+            atol=1e-4,
+        )
+
+
+def test_no_variable_is_the_constant():
+    basis = PolynomialBasis(0, 4)
+    fit = fit_polynomial(basis, np.empty((5, 0)), np.arange(5.0))
+    assert fit.coefficients.tolist() == pytest.approx([2.0])
+    assert fit.predict(np.empty((2, 0))).tolist() == pytest.approx([2.0, 2.0])
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("outputs", [None, 3])
+def test_fit_leave_one_out_and_folds_match_numpy_and_refitting(random, weighted, outputs):
+    basis = PolynomialBasis(2, 3)
+    points = random.standard_normal((40, 2))
+    values = random.standard_normal(40 if outputs is None else (40, outputs))
+    weights = random.uniform(0.1, 2.0, 40) if weighted else None
+    fit = fit_polynomial(basis, points, values, weights)
+    scale = np.ones(40) if weights is None else np.sqrt(weights)
+    design = basis.evaluate(points).T * scale[:, None]
+    reference = np.linalg.lstsq(design, (values.T * scale).T, rcond=None)[0]
+    np.testing.assert_allclose(fit.coefficients, reference, atol=1e-12)
+    hat = design @ np.linalg.pinv(design)
+    np.testing.assert_allclose(fit.leverages, np.diag(hat), atol=1e-12)
+
+    def errors_without(block):
+        kept = np.setdiff1d(np.arange(40), block)
+        refit = fit_polynomial(basis, points[kept], values[kept], None if weights is None else weights[kept])
+        return values[block] - refit.predict(points[block])
+
+    alone = np.concatenate([errors_without(np.array([i])) for i in range(40)])
+    np.testing.assert_allclose(fit.leave_one_out(), alone, rtol=1e-12, atol=1e-12)
+    folds = np.array_split(random.permutation(40), 6)
+    found = fit.k_fold(folds)
+    for fold in folds:
+        np.testing.assert_allclose(found[fold], errors_without(fold), rtol=1e-11, atol=1e-12)
+
+
+def test_quartic_is_reproduced(random):
+    points = random.standard_normal((200, 3))
+
+    def quartic(x):
+        return 1.0 + x[:, 0] ** 4 - 3.0 * x[:, 0] * x[:, 1] ** 2 * x[:, 2] + x[:, 2] ** 3
+
+    fit = fit_polynomial(PolynomialBasis(3, 4), points, quartic(points))
+    fresh = 3.0 * random.standard_normal((100, 3))
+    np.testing.assert_allclose(fit.predict(fresh), quartic(fresh), rtol=1e-9, atol=1e-9)
+
+
+def test_rank_is_named(random):
+    basis = PolynomialBasis(2, 2)
+    with pytest.raises(ValueError, match=r"6 terms needs at least 6 points, got 5"):
+        fit_polynomial(basis, random.standard_normal((5, 2)), np.zeros(5))
+    repeated = np.repeat(random.standard_normal((4, 2)), 5, axis=0)
+    with pytest.raises(ValueError, match="rank 4 only"):
+        fit_polynomial(basis, repeated, np.zeros(20))
+    line = random.standard_normal((20, 1)) * np.array([1.0, 2.0])
+    with pytest.raises(ValueError, match="rank 3 only"):
+        fit_polynomial(basis, line, np.zeros(20))
+    weights = np.zeros(20)
+    weights[:4] = 1.0
+    with pytest.raises(ValueError, match="rank 4 only"):
+        fit_polynomial(basis, random.standard_normal((20, 2)), np.zeros(20), weights)
+
+
+def test_deficient_fit_on_demand_is_the_one_of_minimum_norm(random):
+    basis = PolynomialBasis(2, 2)
+    points = np.repeat(random.standard_normal((4, 2)), 5, axis=0)
+    values = random.standard_normal(20)
+    fit = fit_polynomial(basis, points, values, allow_deficient=True)
+    reference = np.linalg.lstsq(basis.evaluate(points).T, values, rcond=None)[0]
+    assert fit.rank == 4
+    np.testing.assert_allclose(fit.coefficients, reference, atol=1e-10)
+    np.testing.assert_allclose(fit.leverages, 0.2, atol=1e-10)
+
+
+def test_point_of_leverage_one_has_no_prediction():
+    points = np.array([[0.0]] * 5 + [[1.0]])
+    fit = fit_polynomial(PolynomialBasis(1, 1), points, np.array([1.0, 2.0, 3.0, 4.0, 5.0, 9.0]))
+    errors = fit.leave_one_out()
+    assert np.isinf(errors[5])
+    assert errors[0] == pytest.approx(-2.5)
+    assert np.isinf(fit.k_fold([np.array([4, 5])])[[4, 5]]).all()
+
+
+def test_bad_data_is_refused(random):
+    basis = PolynomialBasis(2, 1)
+    points = random.standard_normal((10, 2))
+    values = np.zeros(10)
+    values[3] = np.nan
+    with pytest.raises(ValueError, match="first is row 3"):
+        fit_polynomial(basis, points, values)
+    with pytest.raises(ValueError, match="10 finite numbers >= 0"):
+        fit_polynomial(basis, points, np.zeros(10), np.full(10, -1.0))
+    with pytest.raises(ValueError, match=r"shape \(n, 2\)"):
+        basis.evaluate(np.zeros((3, 4)))
+    for arguments in ((-1, 2), (1, -1)):
+        with pytest.raises(ValueError, match="at least 0"):
+            PolynomialBasis(*arguments)
+    with pytest.raises(ValueError, match=r"\(0, 1\]"):
+        PolynomialBasis(1, 1, 2.0)

@@ -1,0 +1,259 @@
+"""The polynomial regression against OpenTURNS, refitting, closed forms and known noise."""
+
+import pickle
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+
+FUNCTION = ot.SymbolicFunction(["a", "b", "c"], ["1 + a * b + c^2 * a", "b^4 - a^3 * c"])
+LAWS = {
+    "normal": ot.Normal([1.0, -2.0, 0.0], [2.0, 0.5, 1.0], ot.CorrelationMatrix(3)),
+    "classic": ot.JointDistribution([ot.Uniform(1.0, 3.0), ot.Beta(2.0, 3.0, 0.0, 4.0), ot.Gamma(2.0, 3.0, 1.0)]),
+    "other": ot.JointDistribution([ot.Gumbel(2.0, 1.0), ot.LogNormal(0.0, 0.2, 1.0), ot.Normal(10.0, 0.1)]),
+}
+
+
+def fitted(law, size=200, degree=4, noise=0.0, **options):
+    ot.RandomGenerator.SetSeed(11)
+    inputs = law.getSample(size)
+    outputs = np.array(FUNCTION(inputs))
+    outputs = outputs + noise * np.array(ot.Normal(2).getSample(size))
+    regression = MultivariatePolynomialRegression(inputs, outputs, law)
+    regression.setDegree(degree)
+    for name, value in options.items():
+        getattr(regression, name)(value)
+    regression.run()
+    return regression.getResult()
+
+
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_quartic_and_its_derivatives_are_exact(name):
+    law = LAWS[name]
+    result = fitted(law)
+    metaModel = result.getMetaModel()
+    fresh = law.getSample(40)
+    truth = np.array(FUNCTION(fresh))
+    np.testing.assert_allclose(result.evaluate(fresh), truth, rtol=1e-9, atol=1e-9 * np.abs(truth).max())
+    np.testing.assert_allclose(np.array(metaModel(fresh)), truth, rtol=1e-9, atol=1e-9 * np.abs(truth).max())
+    gradient, hessian = result.computeGradient(fresh), result.computeHessian(fresh)
+    for k in range(5):
+        for found, exact in (
+            (gradient[k], FUNCTION.gradient(fresh[k])),
+            (metaModel.gradient(fresh[k]), FUNCTION.gradient(fresh[k])),
+        ):
+            exact = np.array(exact)
+            np.testing.assert_allclose(np.array(found), exact, atol=1e-7 * np.abs(exact).max())
+        exact = np.array(FUNCTION.hessian(fresh[k]))
+        np.testing.assert_allclose(hessian[k], exact, atol=1e-6 * np.abs(exact).max())
+        np.testing.assert_allclose(np.array(metaModel.hessian(fresh[k])), exact, atol=1e-6 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("degree", [1, 3, 4])
+def test_coefficients_agree_with_openturns(degree):
+    law = LAWS["normal"]
+    result = fitted(law, degree=degree, noise=0.3)
+    factory = ot.OrthogonalProductPolynomialFactory([ot.HermiteFactory()] * 3)
+    size = result.getIndices().shape[0]
+    # OpenTURNS works in its standardised variables, as here.
+    standard = ot.Sample((np.array(result.getInputSample()) - [1.0, -2.0, 0.0]) / [2.0, 0.5, 1.0])
+    expansion = ot.LeastSquaresExpansion(standard, result.getOutputSample(), ot.Normal(3), factory, size, "QR")
+    expansion.run()
+    order = factory.getEnumerateFunction()
+    positions = [order.inverse(alpha) for alpha in result.getIndices().tolist()]
+    found = expansion.getResult()
+    rows = {int(i): c for i, c in zip(found.getIndices(), np.array(found.getCoefficients()), strict=True)}
+    reference = np.array([rows[i] for i in positions])
+    np.testing.assert_allclose(np.array(result.getCoefficients()), reference, atol=1e-10 * np.abs(reference).max())
+
+
+def test_metamodel_survives_study_and_pickle_bit_for_bit(tmp_path):
+    result = fitted(LAWS["classic"], noise=0.1)
+    metaModel = result.getMetaModel()
+    fresh = LAWS["classic"].getSample(50)
+    expected = np.array(metaModel(fresh))
+    path = str(tmp_path / "study.xml")
+    study = ot.Study()
+    study.setStorageManager(ot.XMLStorageManager(path))
+    study.add("metaModel", metaModel)
+    study.save()
+    reader = ot.Study()
+    reader.setStorageManager(ot.XMLStorageManager(path))
+    reader.load()
+    loaded = ot.Function()
+    reader.fillObject("metaModel", loaded)
+    assert np.array_equal(np.array(loaded(fresh)), expected)
+    assert np.array_equal(np.array(pickle.loads(pickle.dumps(metaModel))(fresh)), expected)
+
+
+def test_openturns_result_and_validation():
+    result = fitted(LAWS["normal"], degree=2, noise=0.1)
+    inner = result.getMetaModelResult()
+    fresh = LAWS["normal"].getSample(300)
+    assert np.array_equal(np.array(inner.getMetaModel()(fresh)), np.array(result.getMetaModel()(fresh)))
+    validation = ot.MetaModelValidation(FUNCTION(fresh), inner.getMetaModel()(fresh))
+    mine = result.getMetaModelValidation(fresh, FUNCTION(fresh))
+    assert np.array(mine.computeR2Score()) == pytest.approx(np.array(validation.computeR2Score()))
+    errors = np.array(result.getLeaveOneOutResiduals())
+    outputs = np.array(result.getOutputSample())
+    score = 1.0 - (errors**2).sum(axis=0) / ((outputs - outputs.mean(axis=0)) ** 2).sum(axis=0)
+    np.testing.assert_allclose(np.array(result.getQ2LeaveOneOut()), score, rtol=1e-12)
+    np.testing.assert_allclose(np.array(result.getMetaModelValidation().computeR2Score()), score, rtol=1e-10)
+
+
+def test_moments_and_sobol_indices_in_closed_form():
+    # g = 1 + 2 a + 3 b c under standard normals: variance 4 + 9, S_a = 4/13, S_bc = 9/13.
+    ot.RandomGenerator.SetSeed(0)
+    inputs = ot.Normal(3).getSample(100)
+    regression = MultivariatePolynomialRegression(
+        inputs, ot.SymbolicFunction(["a", "b", "c"], ["1 + 2 * a + 3 * b * c"])(inputs), ot.Normal(3)
+    )
+    regression.run()
+    result = regression.getResult()
+    assert result.getMean()[0] == pytest.approx(1.0)
+    assert result.getVariance()[0] == pytest.approx(13.0)
+    assert result.getSobolIndex(0) == pytest.approx(4.0 / 13.0)
+    assert result.getSobolIndex(1) == pytest.approx(0.0, abs=1e-20)
+    assert result.getSobolIndex([1, 2]) == pytest.approx(9.0 / 13.0)
+    assert result.getTotalSobolIndex(1) == pytest.approx(9.0 / 13.0)
+    np.testing.assert_allclose(np.array(result.getGradientMatrix()), np.diag([4.0, 9.0, 9.0]), atol=1e-12)
+
+
+def test_intervals_cover_at_their_level():
+    law = ot.Normal(2)
+    function = ot.SymbolicFunction(["a", "b"], ["1 + a - 2 * a * b"])
+    ot.RandomGenerator.SetSeed(5)
+    inside = {"coefficient": [], "mean": [], "observation": []}
+    fresh = law.getSample(20)
+    for _ in range(120):
+        inputs = law.getSample(40)
+        outputs = np.array(function(inputs)) + 0.5 * np.array(ot.Normal().getSample(40))
+        regression = MultivariatePolynomialRegression(inputs, outputs, law)
+        regression.setDegree(2)
+        regression.run()
+        result = regression.getResult()
+        interval = result.getCoefficientsInterval(0.9)
+        position = result.getIndices().tolist().index([1, 1])
+        inside["coefficient"].append(interval.getLowerBound()[position] <= -2.0 <= interval.getUpperBound()[position])
+        truth = np.array(function(fresh))
+        lower, upper = result.getPredictionInterval(fresh, 0.9, noise=False)
+        inside["mean"].append(((lower <= truth) & (truth <= upper)).mean())
+        observed = truth + 0.5 * np.array(ot.Normal().getSample(20))
+        lower, upper = result.getPredictionInterval(fresh, 0.9)
+        inside["observation"].append(((lower <= observed) & (observed <= upper)).mean())
+    # Four standard errors of 120 binomial trials are 0.11.
+    for name, hits in inside.items():
+        assert abs(np.mean(hits) - 0.9) < 0.11, name
+
+
+def test_default_law_standardises_a_badly_scaled_sample():
+    ot.RandomGenerator.SetSeed(1)
+    inputs = np.array(ot.Normal([1e5, -1e-6], [3.0, 1e-9], ot.CorrelationMatrix(2)).getSample(80))
+    outputs = ((inputs[:, :1] - 1e5) / 3.0) ** 3 + (inputs[:, 1:] + 1e-6) / 1e-9
+    regression = MultivariatePolynomialRegression(inputs, outputs)
+    regression.run()
+    result = regression.getResult()
+    assert result.getConditionNumber() < 1e3
+    assert result.getQ2LeaveOneOut()[0] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_weights_and_robust_fit_resist_outliers():
+    law = ot.Normal(1)
+    ot.RandomGenerator.SetSeed(3)
+    inputs = np.array(law.getSample(100))
+    outputs = 2.0 * inputs + 0.01 * np.array(law.getSample(100))
+    outputs[:8] += 5.0
+    slopes = {}
+    for name in ("plain", "robust", "weighted"):
+        regression = MultivariatePolynomialRegression(inputs, outputs, law)
+        regression.setDegree(1)
+        if name == "robust":
+            regression.setRobust(True)
+        if name == "weighted":
+            regression.setWeights([0.0] * 8 + [1.0] * 92)
+        regression.run()
+        slopes[name] = np.array(regression.getResult().getCoefficients())[:, 0]
+    assert np.abs(slopes["plain"] - [0.0, 2.0]).max() > 0.2
+    assert np.abs(slopes["robust"] - [0.0, 2.0]).max() < 0.02
+    assert np.abs(slopes["weighted"] - [0.0, 2.0]).max() < 0.005
+
+
+def test_degree_is_chosen_by_cross_validation():
+    law = ot.Normal(2)
+    ot.RandomGenerator.SetSeed(2)
+    inputs = law.getSample(120)
+    outputs = (
+        np.array(ot.SymbolicFunction(["a", "b"], ["a * b + a^2"])(inputs)) + 0.1 * np.array(law.getSample(120))[:, :1]
+    )
+    regression = MultivariatePolynomialRegression(inputs, outputs, law)
+    errors = regression.selectDegree()
+    assert regression.getDegree() == 2
+    assert sorted(errors) == [0, 1, 2, 3, 4]
+    assert errors[1] > 3.0 * errors[2]
+
+
+def test_k_fold_agrees_with_refitting():
+    result = fitted(LAWS["normal"], size=60, degree=2, noise=0.5)
+    inputs, outputs = np.array(result.getInputSample()), np.array(result.getOutputSample())
+    folds = [np.arange(start, 60, 4) for start in range(4)]
+    found = np.array(result.getKFoldResiduals(folds))
+    for fold in folds:
+        kept = np.setdiff1d(np.arange(60), fold)
+        regression = MultivariatePolynomialRegression(inputs[kept], outputs[kept], LAWS["normal"])
+        regression.setDegree(2)
+        regression.run()
+        expected = outputs[fold] - regression.getResult().evaluate(inputs[fold])
+        np.testing.assert_allclose(found[fold], expected, rtol=1e-10, atol=1e-11)
+    assert result.getQ2KFold(5)[0] < result.getR2()[0]
+
+
+def test_too_few_or_repeated_points_are_refused_with_the_rank():
+    inputs = np.array(ot.Normal(2).getSample(14))
+    with pytest.raises(ValueError, match="15 terms needs at least 15 points, got 14"):
+        MultivariatePolynomialRegression(inputs, inputs[:, :1]).run()
+    repeated = np.repeat(inputs[:5], 6, axis=0)
+    with pytest.raises(ValueError, match="rank 5 only"):
+        MultivariatePolynomialRegression(repeated, repeated[:, :1]).run()
+    constant = np.column_stack([np.array(ot.Normal(1).getSample(40)), np.ones(40)])
+    with pytest.raises(ValueError, match="15 terms but the 40 points give rank 5"):
+        MultivariatePolynomialRegression(constant, constant[:, :1]).run()
+
+
+def test_bad_arguments_are_refused():
+    inputs = np.array(ot.Normal(2).getSample(20))
+    values = inputs[:, :1].copy()
+    values[7] = np.inf
+    with pytest.raises(ValueError, match="outputs must be finite, but 1 of 20 rows are not, the first is row 7"):
+        MultivariatePolynomialRegression(inputs, values)
+    regression = MultivariatePolynomialRegression(inputs, inputs)
+    with pytest.raises(ValueError, match="0 to 10"):
+        regression.setDegree(11)
+    with pytest.raises(ValueError, match="one output"):
+        regression.setRobust(True)
+    with pytest.raises(ValueError, match="20 finite numbers"):
+        regression.setWeights([1.0])
+    with pytest.raises(RuntimeError, match=r"call run\(\) first"):
+        regression.getResult()
+    for law in (ot.Normal(3), ot.JointDistribution([ot.Normal()] * 2, ot.ClaytonCopula(2.0))):
+        with pytest.raises(ValueError, match="distribution"):
+            MultivariatePolynomialRegression(inputs, inputs, law)
+
+
+def test_no_noise_estimate_without_spare_points():
+    inputs = np.array([[0.0], [1.0], [3.0]])
+    regression = MultivariatePolynomialRegression(inputs, inputs**2)
+    regression.setDegree(2)
+    regression.run()
+    with pytest.raises(ValueError, match="no residual"):
+        regression.getResult().getNoiseVariance()
+
+
+def test_constant_output_has_no_scores():
+    inputs = np.array(ot.Normal(1).getSample(20))
+    regression = MultivariatePolynomialRegression(inputs, np.ones((20, 1)))
+    regression.setDegree(1)
+    regression.run()
+    with pytest.raises(ValueError, match="constant"):
+        regression.getResult().getQ2LeaveOneOut()
