@@ -448,13 +448,15 @@ class RidgeApproximation:
                 f"A fit needs finite data, but {int((~finite).sum())} of {len(finite)} rows are not, "
                 f"the first is row {int((~finite).argmax())}."
             )
-        self._physical = physical
-        self._points = self._space.toStandard(physical)
-        if not np.isfinite(self._points).all():
-            row = int((~np.isfinite(self._points).all(axis=1)).argmax())
+        # Outside its support T would return some large number instead of refusing.
+        inside = np.array(self._space.getDistribution().computeLogPDF(physical))[:, 0] > -1e300
+        if not inside.all():
+            row = int((~inside).argmax())
             raise ValueError(
                 f"Row {row} of the inputs is outside the range of the distribution: {physical[row].tolist()}."
             )
+        self._physical = physical
+        self._points = self._space.toStandard(physical)
         self._dimension = None
         self._degree = None
         self._largestDimension = min(3, d)

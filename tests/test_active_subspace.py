@@ -1,0 +1,398 @@
+"""Active subspaces against closed forms, brute force, and the cases in which others fail."""
+
+import math
+import pickle
+import time
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.methods.active_subspace import (
+    ActiveSubspaceAlgorithm,
+    bootstrap_distances,
+    bootstrap_subspace,
+    estimate_noise,
+    estimate_subspace,
+    gap_dimension,
+    ladle_dimension,
+)
+from satsep_ot.methods.ridge_approximation import subspace_distance
+
+
+@pytest.fixture(autouse=True)
+def seed():
+    ot.RandomGenerator.SetSeed(20)
+
+
+def result_of(function, distribution, **options):
+    algorithm = ActiveSubspaceAlgorithm(function, distribution)
+    algorithm.setBootstrapSize(200)
+    for name, value in options.items():
+        getattr(algorithm, name)(value)
+    algorithm.run()
+    return algorithm.getResult()
+
+
+def test_linear_function_of_correlated_normals_in_closed_form():
+    # g = a.x, X = mu + L U: the gradient in U is L^T a everywhere, so lambda_1 = a^T Sigma a = Var g.
+    covariance = np.array([[4.0, 1.0, 0.5], [1.0, 2.0, -0.3], [0.5, -0.3, 1.0]])
+    law = ot.Normal([1.0, 2.0, 3.0], ot.CovarianceMatrix(covariance))
+    a = np.array([1.0, -2.0, 3.0])
+    result = result_of(ot.SymbolicFunction(["x", "y", "z"], ["x - 2 * y + 3 * z"]), law)
+    assert result.getDimension() == 1
+    assert result.getEigenvalues()[0] == pytest.approx(a @ covariance @ a)
+    expected = np.linalg.cholesky(covariance).T @ a
+    direction = np.array(result.getDirections())
+    assert subspace_distance(direction, expected[:, None] / np.linalg.norm(expected)) < 1e-10
+    assert direction[np.abs(direction).argmax()] > 0.0
+    assert np.array(result.getTotalSobolBound()).sum() == pytest.approx(
+        a @ covariance @ a / result.getOutputSample().computeVariance()[0]
+    )
+
+
+@pytest.mark.parametrize(
+    "copula", [ot.NormalCopula(2), ot.ClaytonCopula(2.0), ot.GumbelCopula(2.0), ot.FrankCopula(4.0)]
+)
+@pytest.mark.parametrize("method", ["Exact", "CentralDifference"])
+def test_ridge_behind_a_copula(copula, method):
+    # g = exp(w.T(x)): the subspace in U is w and the eigenvalue E[exp(2 w.U)] |w|^2 = |w|^2 exp(2 |w|^2).
+    law = ot.JointDistribution([ot.Gumbel(1.0, 2.0), ot.Uniform(-1.0, 3.0)], copula)
+    ridge = ot.ComposedFunction(
+        ot.SymbolicFunction(["u", "v"], ["exp(0.3 * u - 0.4 * v)"]), law.getIsoProbabilisticTransformation()
+    )
+    result = result_of(ridge, law, setSamplingSize=400, setGradientMethod=method)
+    assert result.getDimension() == 1
+    assert subspace_distance(np.array(result.getDirections()), np.array([[-0.6], [0.8]])) < 1e-5
+    interval = result.getEigenvaluesInterval(0.999)
+    assert interval.getLowerBound()[0] < 0.25 * math.exp(0.5) < interval.getUpperBound()[0]
+
+
+def test_svd_agrees_with_the_matrix_and_keeps_small_eigenvalues():
+    random = np.random.default_rng(0)
+    gradients = random.standard_normal((50, 6, 2))
+    weights = random.uniform(0.0, 1.0, 50)
+    scales = np.array([2.0, 0.1])
+    eigenvalues, vectors = estimate_subspace(gradients, scales, weights)
+    matrix = np.einsum("nip,njp,n,p->ij", gradients, gradients, weights / weights.sum(), 1.0 / scales)
+    np.testing.assert_allclose(matrix @ vectors, vectors * eigenvalues, atol=1e-12 * eigenvalues[0])
+    # Eigenvalues over 24 decades: those of the product matrix would drown in rounding below 1e-16.
+    graded = random.standard_normal((200, 4)) * [1.0, 1e-4, 1e-8, 1e-12]
+    found = estimate_subspace(graded[:, :, None])[0]
+    np.testing.assert_allclose(found / [1.0, 1e-8, 1e-16, 1e-24], 1.0, rtol=0.5)
+
+
+def test_vector_output_is_weighted_by_variance():
+    function = ot.SymbolicFunction(["a", "b", "c"], ["1e4 * a", "1e-4 * b^2", "5"])
+    result = result_of(function, ot.Normal(3), setSamplingSize=2000)
+    # a: 1; b: E[4 b^2] / Var(b^2) = 4 / 2 = 2; the constant output does not count.
+    np.testing.assert_allclose(np.array(result.getEigenvalues()), [2.0, 1.0, 0.0], rtol=0.25, atol=1e-12)
+    assert result.getDimension() == 2
+
+
+def test_bootstrap_equals_brute_force():
+    random = np.random.default_rng(3)
+    for count in (6, 30, 100):  # fewer rows than inputs, the direct way, the way through the triangle
+        gradients = random.standard_normal((count, 8, 1)) * np.linspace(1.0, 0.1, 8)[:, None]
+        weights = random.uniform(0.1, 1.0, count)
+        counts, eigenvalues, vectors = bootstrap_subspace(gradients, 20, 3, weights=weights)
+        assert (counts.sum(axis=1) == count).all()
+        vectors0 = estimate_subspace(gradients, weights=weights)[1]
+        distances = bootstrap_distances(vectors0, vectors)
+        for b in range(20):
+            drawn = np.repeat(np.arange(count), counts[b])
+            reference, basis = estimate_subspace(gradients[drawn], weights=weights[drawn])
+            np.testing.assert_allclose(eigenvalues[b], reference, atol=1e-10 * reference[0])
+            for r in (1, 2):
+                projector = vectors0[:, :r] @ vectors0[:, :r].T - basis[:, :r] @ basis[:, :r].T
+                assert distances[b, r - 1] == pytest.approx(np.linalg.norm(projector, 2), abs=1e-7)
+
+
+def test_bootstrap_is_fast_enough():
+    gradients = np.random.default_rng(1).standard_normal((200, 35, 1))
+    started = time.perf_counter()
+    _, _, vectors = bootstrap_subspace(gradients, 1000, 10)
+    bootstrap_distances(estimate_subspace(gradients)[1], vectors)
+    # A third of this on an idle processor: the rest is room for a busy one.
+    assert time.perf_counter() - started < 3.0
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+@pytest.mark.parametrize(
+    "tail", [lambda k: 0.01 + 0.0 * k, lambda k: 0.02 * 0.9**k, lambda k: 0.003 + 0.0 * k, lambda k: 0.001 * 0.8**k]
+)
+def test_dimension_of_known_spectra(rank, tail):
+    random = np.random.default_rng(5)
+    spectrum = np.r_[[1.0, 0.5, 0.3][:rank], tail(np.arange(25 - rank))]
+    hits = []
+    for _ in range(10):
+        rotation = np.linalg.qr(random.standard_normal((25, 25)))[0]
+        gradients = ((random.standard_normal((40, 25)) * np.sqrt(spectrum)) @ rotation.T)[:, :, None]
+        eigenvalues, vectors = estimate_subspace(gradients)
+        _, replicates, directions = bootstrap_subspace(gradients, 200, 10)
+        hits.append(ladle_dimension(eigenvalues, vectors, directions) == rank)
+        hits.append(gap_dimension(eigenvalues, replicates, 10) == rank)
+    assert np.mean(hits) >= 0.95
+
+
+def test_equal_eigenvalues_have_no_active_subspace():
+    result = result_of(
+        ot.SymbolicFunction(["a", "b", "c", "e"], ["a^2 + b^2 + c^2 + e^2"]), ot.Normal(4), setSamplingSize=200
+    )
+    assert result.getDimension() == 0
+    assert not result.isConstant()
+    with pytest.raises(ValueError, match="no gap separates"):
+        result.getTransformation()
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        ot.SymbolicFunction(["a", "b"], ["3"]),
+        ot.PythonFunction(2, 1, lambda x: [3.0]),
+        ot.PythonFunction(2, 1, lambda x: [3.0 + 1e-15 * math.sin(1e9 * x[0])]),
+    ],
+)
+def test_constant_function_has_dimension_zero(function):
+    result = result_of(function, ot.Normal(2))
+    assert result.isConstant()
+    assert result.getDimension() == 0
+    assert tuple(np.array(result.getDirections()).shape) in {(2, 0), (0,)}
+    with pytest.raises(ValueError, match="constant"):
+        result.getTransformation()
+    with pytest.raises(ValueError, match="Dimension 1 was asked for, but the function is constant"):
+        result_of(function, ot.Normal(2), setDimension=1)
+
+
+def test_one_input_one_gradient_and_fewer_gradients_than_inputs():
+    assert result_of(ot.SymbolicFunction(["a"], ["a^2"]), ot.Uniform(0.0, 1.0)).getDimension() == 1
+    single = result_of(ot.SymbolicFunction(["a", "b", "c"], ["a + b^2 + c"]), ot.Normal(3), setSamplingSize=1)
+    assert single.getDimension() == 1
+    assert single.getResolvedEigenvaluesNumber() == 1
+    assert "resolve 1 of 3" in single.getRemarks()[0]
+    names = [f"a{i}" for i in range(30)]
+    few = result_of(ot.SymbolicFunction(names, ["a1 + 2 * a2 + a3 * a4"]), ot.Normal(30), setSamplingSize=12)
+    vectors = np.array(few.getEigenvectors())
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(30), atol=1e-12)
+    assert few.getDimension() in (1, 3)
+    for graph in (
+        few.drawEigenvalues(),
+        few.drawSubspaceError(),
+        few.drawActivityScores(),
+        few.drawSufficientSummary(),
+    ):
+        assert isinstance(graph, ot.Graph)
+
+
+def test_repeated_eigenvalues_are_named_as_a_group():
+    function = ot.SymbolicFunction(["a", "b", "c"], ["2 * a^2 + 2 * b^2 + 0.1 * c"])
+    result = result_of(function, ot.Normal(3), setSamplingSize=300)
+    assert result.getRepeatedGroups() == [[0, 1]]
+    assert result.getDimension() == 2
+    # Inside the group only the plane means anything.
+    assert result.compareDirections(np.eye(3)[:, :2]) < 1e-2
+
+
+def test_scores_and_bounds_in_closed_form():
+    # g = 3 a + 0.1 b + c^2: nu = (9, 0.01, 4), Var g = 9.01 + 2.
+    function = ot.SymbolicFunction(["a", "b", "c"], ["3 * a + 0.1 * b + c^2"])
+    result = result_of(function, ot.Normal(3), setSamplingSize=4000)
+    nu = np.array(result.getDerivativeBasedIndices())
+    np.testing.assert_allclose(nu, [9.0, 0.01, 4.0], rtol=0.1)
+    np.testing.assert_allclose(np.array(result.getActivityScores(3)), nu, rtol=1e-10)
+    interval = result.getDerivativeBasedIndicesInterval()
+    assert interval.getLowerBound()[2] < 4.0 < interval.getUpperBound()[2]
+    assert np.array(result.getActivityScoresInterval(0.95, 3).getUpperBound()) == pytest.approx(
+        np.array(interval.getUpperBound())
+    )
+    np.testing.assert_allclose(np.array(result.getTotalSobolBound()), nu / 11.01, rtol=0.1)
+    scores = result.getActivityScoresInterval()
+    assert (np.array(scores.getLowerBound()) <= np.array(result.getActivityScores())).all()
+    assert result.getErrorBound() == pytest.approx(
+        math.sqrt(np.array(result.getEigenvalues())[result.getDimension() :].sum())
+    )
+    assert result.getErrorBoundInterval().getLowerBound()[0] <= result.getErrorBound()
+
+
+def test_error_bound_holds():
+    # g = sin(a) + 0.1 b^2 with y = a: E[(g - E[g|y])^2] = Var(0.1 b^2) = 0.02, bounded by E[(0.2 b)^2] = 0.04.
+    function = ot.SymbolicFunction(["a", "b"], ["sin(a) + 0.1 * b^2"])
+    result = result_of(function, ot.Normal(2), setSamplingSize=2000, setDimension=1)
+    assert math.sqrt(0.02) < result.getErrorBound()
+    assert result.getErrorBound() == pytest.approx(0.2, rel=0.1)
+
+
+def test_average_gradient():
+    result = result_of(ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a + 0.4 * b)"]), ot.Normal(2))
+    assert np.array(result.getAverageGradient()) == pytest.approx([0.6, 0.8])
+    with pytest.raises(ValueError, match="one output"):
+        result_of(ot.SymbolicFunction(["a", "b"], ["a", "b"]), ot.Normal(2)).getAverageGradient()
+
+
+class Model(ot.OpenTURNSPythonFunction):
+    """exp(w.x) with inputs of very different scale, and all gradients at once."""
+
+    slope = np.array([3e-7, 4e4])
+
+    def __init__(self):
+        super().__init__(2, 1)
+
+    def _exec_sample(self, x):
+        return np.exp(np.asarray(x, dtype=float) @ self.slope)[:, None]
+
+    def _exec(self, x):
+        return [math.exp(np.dot(x, self.slope))]
+
+    def computeGradientSample(self, x):
+        return np.exp(x @ self.slope)[:, None, None] * self.slope[:, None]
+
+
+LAW = ot.JointDistribution([ot.Normal(0.0, 1e6), ot.Normal(0.0, 1e-5)])
+
+
+def test_batched_gradients_are_used_and_counted():
+    algorithm = ActiveSubspaceAlgorithm(Model(), LAW)
+    algorithm.setSamplingSize(60)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert subspace_distance(np.array(result.getDirections()), np.array([[0.6], [0.8]])) < 1e-12
+    assert (result.getEvaluationCallsNumber(), result.getGradientCallsNumber()) == (60, 60)
+    assert (algorithm.getEvaluationCallsNumber(), algorithm.getGradientCallsNumber()) == (60, 60)
+    handed = ActiveSubspaceAlgorithm(ot.Function(Model()), LAW)
+    handed.setGradientSampleFunction(Model().computeGradientSample)
+    handed.run()
+    assert handed.getResult().getGradientCallsNumber() == handed.getSamplingSize()
+    handed.setGradientSampleFunction(lambda x: x)
+    with pytest.raises(ValueError, match="must return an array of shape"):
+        handed.run()
+
+
+@pytest.mark.parametrize("method", ["Automatic", "CentralDifference", "ForwardDifference"])
+def test_differences_are_scaled_by_each_input(method):
+    # OpenTURNS' own step of 1e-5 is as large as the second input's standard deviation.
+    result = result_of(ot.Function(Model()), LAW, setGradientMethod=method, setSamplingSize=50)
+    assert subspace_distance(np.array(result.getDirections()), np.array([[0.6], [0.8]])) < 1e-6
+    evaluations = result.getEvaluationCallsNumber() - 50
+    line = evaluations % 50 or 50
+    assert line % 9 == 0
+    assert (evaluations - line) // 50 in ((2,) if method == "ForwardDifference" else (4,))
+    assert result.getGradientCallsNumber() == 0
+
+
+def test_noise_is_estimated_and_the_step_follows():
+    random = np.random.default_rng(8)
+    level = 1e-5
+
+    def noisy(x):
+        x = np.asarray(x, dtype=float)
+        return np.sin(x @ [0.3, 0.4, 0.0])[:, None] + level * random.standard_normal((len(x), 1))
+
+    found, evaluations = estimate_noise(noisy, np.array([0.1, 0.2, 0.3]), np.array([1.0, 0.0, 0.0]))
+    assert level / 4.0 < found[0] < 4.0 * level
+    assert evaluations % 9 == 0
+    result = result_of(ot.PythonFunction(3, 1, func_sample=noisy), ot.Normal(3))
+    assert level / 4.0 < result.getNoise()[0] < 4.0 * level
+    assert 0.01 < result.getFiniteDifferenceStep() < 0.1
+    assert result.getDimension() == 1
+    assert subspace_distance(np.array(result.getDirections()), np.array([[0.6], [0.8], [0.0]])) < 1e-3
+
+
+def test_given_gradients_and_weights():
+    random = np.random.default_rng(2)
+    points = random.standard_normal((80, 4))
+    near = points[:, 0] > 0.0
+    gradients = np.where(near[:, None], [1.0, 2.0, 0.0, 0.0], [0.0, 0.0, 5.0, 0.0]) * random.uniform(0.5, 1.0, (80, 1))
+    algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+        ot.Normal(4), points, points[:, 0], gradients, near.astype(float)
+    )
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getDimension() == 1
+    expected = np.array([[1.0], [2.0], [0.0], [0.0]]) / math.sqrt(5.0)
+    assert subspace_distance(np.array(result.getDirections()), expected) < 1e-12
+    assert result.getEvaluationCallsNumber() == result.getGradientCallsNumber() == 0
+    gradients[7, 1] = np.nan
+    with pytest.raises(ValueError, match="gradients must be finite, but 1 of 80 rows are not, the first is row 7"):
+        ActiveSubspaceAlgorithm.FromGradientSample(ot.Normal(4), points, points[:, 0], gradients)
+    with pytest.raises(ValueError, match="do not match"):
+        ActiveSubspaceAlgorithm.FromGradientSample(ot.Normal(4), points[:5], points[:, 0], gradients)
+
+
+def test_weight_function_of_the_outputs():
+    function = ot.SymbolicFunction(["a", "b"], ["exp(a) + 0.1 * b"])
+    result = result_of(function, ot.Normal(2), setWeightFunction=lambda y: 1.0 / (1.0 + (y[:, 0] / 0.1) ** 2))
+    assert sum(result.getWeights()) == pytest.approx(1.0)
+    assert result.getEigenvalues()[0] < 2.0  # 7.4 without weights: near 0 the exponential is flat
+
+
+def test_functions_are_native_and_survive_pickle():
+    law = ot.JointDistribution([ot.Uniform(0.0, 2.0), ot.Gumbel(1.0, 2.0), ot.Normal()], ot.NormalCopula(3))
+    result = result_of(ot.SymbolicFunction(["a", "b", "c"], ["a + b^2 + c"]), law, setDimension=2)
+    forward = pickle.loads(pickle.dumps(result.getTransformation()))
+    backward = pickle.loads(pickle.dumps(result.getInverseTransformation()))
+    sample = law.getSample(30)
+    expected = np.array(law.getIsoProbabilisticTransformation()(sample)) @ np.array(result.getDirections())
+    np.testing.assert_allclose(np.array(forward(sample)), expected, atol=1e-12)
+    np.testing.assert_allclose(np.array(forward(backward(expected))), expected, atol=1e-8)
+
+
+def test_sequential_use_reaches_the_target_or_says_so():
+    function = ot.SymbolicFunction(["a", "b", "c"], ["exp(0.5 * a) + 0.3 * sin(b) * c"])
+    algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(3))
+    algorithm.setDimension(1)
+    algorithm.setBootstrapSize(200)
+    algorithm.setSamplingSize(20)
+    algorithm.setTargetSubspaceError(0.1)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getSubspaceErrorInterval().getUpperBound()[0] <= 0.1
+    assert result.getGradientCallsNumber() == result.getStandardSample().getSize() > 20
+    algorithm.setTargetSubspaceError(1e-4, maximumSamplingSize=40)
+    algorithm.run()
+    assert "above the target" in algorithm.getResult().getRemarks()[-1]
+    assert algorithm.getResult().getStandardSample().getSize() == 40
+
+
+def test_disagreeing_criteria_are_reported():
+    function = ot.SymbolicFunction(["a", "b", "c"], ["exp(a + b) + sin(c) + 0.5 * a"])
+    result = result_of(function, ot.Normal(3), setSamplingSize=150)
+    choices = result.getDimensionChoices()
+    # The second direction varies by a hundredth of the first: the widest gap lies before it, the ladle keeps it.
+    assert (choices["ladle"], choices["gap"], choices["agree"]) == (2, 1, False)
+    # The surrogate is better with it, which decides.
+    assert choices["crossValidation"] == result.getDimension() == 2
+    assert (
+        result.getRemarks()[-1]
+        == "The ladle gives dimension 2, the separated log-gap 1, cross-validation 2: 2 is taken."
+    )
+
+
+def test_not_finite_outputs_and_bad_options_are_refused():
+    with pytest.raises(ValueError, match="returned \\[nan\\] at the physical point"):
+        result_of(ot.PythonFunction(1, 1, lambda x: [math.nan if x[0] > 0.0 else x[0]]), ot.Normal())
+    with pytest.raises(ValueError, match="2 inputs but the distribution has dimension 3"):
+        ActiveSubspaceAlgorithm(ot.SymbolicFunction(["a", "b"], ["a"]), ot.Normal(3))
+    algorithm = ActiveSubspaceAlgorithm(ot.SymbolicFunction(["a"], ["a"]), ot.Normal())
+    for setter, value, message in (
+        ("setSamplingSize", 0, "at least 1"),
+        ("setBootstrapSize", 1, "at least 2"),
+        ("setDimension", 2, "1 to 1"),
+        ("setGradientMethod", "guess", "must be one of"),
+        ("setFiniteDifferenceStep", -1.0, "positive"),
+        ("setTargetSubspaceError", 2.0, r"\(0, 1\)"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            getattr(algorithm, setter)(value)
+    with pytest.raises(RuntimeError, match=r"call run\(\) first"):
+        algorithm.getResult()
+
+
+def test_sufficient_summary_in_one_and_two_dimensions():
+    one = result_of(
+        ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a + 0.4 * b) + 0.01 * a"]), ot.Normal(2), setDimension=1
+    )
+    assert len(one.drawSufficientSummary().getDrawables()) == 4
+    two = result_of(ot.SymbolicFunction(["a", "b", "c"], ["a * b + c"]), ot.Normal(3), setDimension=2)
+    assert isinstance(two.drawSufficientSummary(), ot.Graph)
+    with pytest.raises(ValueError, match="output must be 0 to 0"):
+        two.drawSufficientSummary(output=1)
