@@ -156,6 +156,35 @@ def load_case(source: str | os.PathLike | Case = "reference") -> Case:
     return parse_case(text, str(path))
 
 
+def load_uncertain_case(source: str | os.PathLike | Case = "reference") -> Case:
+    """Read a case that has at least one uncertain input.
+
+    Parameters
+    ----------
+    source : str, path or Case
+        As for `load_case`.
+
+    Returns
+    -------
+    case : Case
+
+    Raises
+    ------
+    CaseError
+        As for `load_case`, and if the case has no uncertain input.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_uncertain_case
+    >>> len(load_uncertain_case("reference").inputs)
+    35
+    """
+    case = load_case(source)
+    if not case.inputs:
+        raise CaseError(f"{case.name}: the case has no uncertain inputs; give at least one in its table [inputs]")
+    return case
+
+
 def parse_case(text: str, file: str = "case") -> Case:
     """Read a case from the text of a TOML file.
 

@@ -258,17 +258,26 @@ def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> N
             )
 
 
-class UncertainInputs:
-    """The table of uncertain inputs and the linear map from a sample of them to parameters of the separation.
+class ParameterMap:
+    """The linear map from samples of the uncertain inputs to parameters of the separation.
 
     Parameters
     ----------
     inputs : sequence of UncertainInput
         In the order of the columns of a sample.
-    parameter_names : sequence of str, length P
-        Names in the separation's flat parameter vector.
-    nominal : array_like, shape (P,)
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+        With the nominal parameters.
+
+    Attributes
+    ----------
+    names, units : tuple of str, length n
+        Of the inputs.
+    nominal : ndarray, shape (P,)
         Nominal parameters [SI].
+    reference : ndarray, shape (n,)
+        Inputs at which the parameters are nominal.
+    spread : ndarray, shape (n,)
+        Half of the middle 68 % of each input: the standard deviation of a Normal, and finite where there is none.
 
     Notes
     -----
@@ -278,31 +287,27 @@ class UncertainInputs:
     Examples
     --------
     >>> from satsep_ot.model.case import load_case
-    >>> from satsep_ot.model.inputs import UncertainInputs
+    >>> from satsep_ot.model.inputs import ParameterMap
     >>> case = load_case("reference")
-    >>> table = UncertainInputs(case.inputs, case.separation.parameter_names(), case.separation.parameters())
-    >>> table.matrix.shape == (len(case.separation.parameters()), 35)
+    >>> ParameterMap(case.inputs, case.separation).matrix.shape == (len(case.separation.parameters()), 35)
     True
     """
 
-    def __init__(self, inputs, parameter_names, nominal):
-        self.inputs = tuple(inputs)
-        self.nominal = np.array(nominal, dtype=float)
-        index = {name: k for k, name in enumerate(parameter_names)}
-        self.reference = np.array([row.reference for row in self.inputs])
-        # Half the middle 68 %: the standard deviation of a Normal, and finite where a distribution has none.
-        self.spread = np.array(
-            [
-                0.5 * (row.distribution.computeQuantile(0.8413)[0] - row.distribution.computeQuantile(0.1587)[0])
-                for row in self.inputs
-            ]
-        )
-        self._moves = [(index[name], j, row.factor) for j, row in enumerate(self.inputs) for name in row.parameters]
+    def __init__(self, inputs, separation):
+        index = {name: k for k, name in enumerate(separation.parameter_names())}
+        self.names = tuple(row.name for row in inputs)
+        self.units = tuple(row.unit for row in inputs)
+        self.nominal = np.array(separation.parameters())
+        self.reference = np.array([row.reference for row in inputs])
+        self.spread = np.array([_spread(row.distribution) for row in inputs])
+        self._moves = [
+            (index[name], column, row.factor) for column, row in enumerate(inputs) for name in row.parameters
+        ]
 
     @property
     def matrix(self) -> np.ndarray:
         """Derivative of the parameters with respect to the inputs, shape (P, n)."""
-        matrix = np.zeros((len(self.nominal), len(self.inputs)))
+        matrix = np.zeros((len(self.nominal), len(self.names)))
         for parameter, column, factor in self._moves:
             matrix[parameter, column] = factor
         return matrix
@@ -325,57 +330,68 @@ class UncertainInputs:
             parameters[:, parameter] += factor * (sample[:, column] - self.reference[column])
         return parameters
 
-    def gradient(self, jacobian: np.ndarray) -> np.ndarray:
+    def gradient(self, by_parameters: np.ndarray) -> np.ndarray:
         """Derivatives with respect to the inputs from derivatives with respect to the parameters.
 
         Parameters
         ----------
-        jacobian : ndarray, shape (N, Q, P)
+        by_parameters : ndarray, shape (N, P)
 
         Returns
         -------
-        gradient : ndarray, shape (N, n, Q)
-            The transposed Jacobian of each row, as OpenTURNS has it.
+        gradient : ndarray, shape (N, n)
         """
-        gradient = np.zeros((jacobian.shape[0], len(self.inputs), jacobian.shape[1]))
+        gradient = np.zeros((len(by_parameters), len(self.names)))
         for parameter, column, factor in self._moves:
-            gradient[:, column, :] += factor * jacobian[:, :, parameter]
+            gradient[:, column] += factor * by_parameters[:, parameter]
         return gradient
 
-    def distribution(self, copula=None) -> ot.JointDistribution:
-        """The joint distribution of the inputs, independent unless a copula is given.
 
-        Parameters
-        ----------
-        copula : :class:`openturns.Distribution`, optional
-            A copula of dimension n.
+def _spread(distribution):
+    return 0.5 * (distribution.computeQuantile(0.8413)[0] - distribution.computeQuantile(0.1587)[0])
 
-        Returns
-        -------
-        distribution : :class:`openturns.JointDistribution`
-            Its description holds the name and unit of each input.
 
-        Raises
-        ------
-        ValueError
-            If there are no inputs, or the copula is none, or has another dimension, or is a Student copula (building
-            a joint distribution with one ends the interpreter in OpenTURNS 1.27).
-        """
-        if not self.inputs:
-            raise ValueError("the case has no uncertain inputs; give at least one in its table [inputs]")
-        marginals = [row.distribution for row in self.inputs]
-        if copula is None:
-            joint = ot.JointDistribution(marginals)
-        else:
-            copula = ot.Distribution(copula)
-            kind = copula.getImplementation().getClassName()
-            if not copula.isCopula() or copula.getDimension() != len(marginals):
-                raise ValueError(
-                    f"the copula given is a {kind} of dimension {copula.getDimension()}; "
-                    f"a copula of dimension {len(marginals)} is needed, one for each uncertain input"
-                )
-            if kind == "StudentCopula":
-                raise ValueError("a StudentCopula is not supported by OpenTURNS 1.27; a NormalCopula, for one, is")
-            joint = ot.JointDistribution(marginals, copula)
-        joint.setDescription([row.label for row in self.inputs])
-        return joint
+def joint_distribution(inputs, copula=None) -> ot.JointDistribution:
+    """The joint distribution of uncertain inputs, independent unless a copula is given.
+
+    Parameters
+    ----------
+    inputs : sequence of UncertainInput, length n
+        At least one.
+    copula : :class:`openturns.Distribution`, optional
+        A copula of dimension n.
+
+    Returns
+    -------
+    distribution : :class:`openturns.JointDistribution`
+        Its description holds the name and unit of each input.
+
+    Raises
+    ------
+    ValueError
+        If the copula is none, or has another dimension, or is a Student copula (building a joint distribution with
+        one ends the interpreter in OpenTURNS 1.27).
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.inputs import joint_distribution
+    >>> joint_distribution(load_case("reference").inputs).getDescription()[34]
+    'delay_4 [ms]'
+    """
+    marginals = [row.distribution for row in inputs]
+    if copula is None:
+        joint = ot.JointDistribution(marginals)
+    else:
+        copula = ot.Distribution(copula)
+        kind = copula.getImplementation().getClassName()
+        if not copula.isCopula() or copula.getDimension() != len(marginals):
+            raise ValueError(
+                f"the copula given is a {kind} of dimension {copula.getDimension()}; "
+                f"a copula of dimension {len(marginals)} is needed, one for each uncertain input"
+            )
+        if kind == "StudentCopula":
+            raise ValueError("a StudentCopula is not supported by OpenTURNS 1.27; a NormalCopula, for one, is")
+        joint = ot.JointDistribution(marginals, copula)
+    joint.setDescription([row.label for row in inputs])
+    return joint

@@ -1,0 +1,352 @@
+"""The command `satsep-ot`: argument parsing and printing only."""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from satsep_ot import __version__
+
+METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
+_EXIT_CODES = "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input, 130 interrupted"
+
+
+def main(arguments=None) -> int:
+    """Run the command line and return its exit code.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Default: those of the process.
+
+    Returns
+    -------
+    code : int
+        0 success, 1 a separation could not be simulated, 2 bad input, 130 interrupted.
+
+    Examples
+    --------
+    >>> from satsep_ot.cli import main
+    >>> main(["new", "."])
+    2
+    """
+    options = _parser().parse_args(arguments)
+    try:
+        return options.command(options) or 0
+    except KeyboardInterrupt:
+        return _fail("interrupted", 130)
+    except BrokenPipeError:
+        # The reader of our output (head, less) has left: nothing remains to be said.
+        sys.stderr.close()
+        return 0
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _fail(f"{where}{error.strerror or error}", 2)
+    except (ValueError, RuntimeError) as error:
+        # Our own errors say in one sentence what is wrong; anything else is a defect and keeps its traceback.
+        from satsep_ot.model.case import CaseError
+        from satsep_ot.model.separation_function import SeparationError
+
+        if isinstance(error, CaseError):
+            return _fail(error, 2)
+        if isinstance(error, SeparationError):
+            return _fail(error, 1)
+        raise
+
+
+def _parser():
+    parser = argparse.ArgumentParser(
+        prog="satsep-ot",
+        description="Reliability of the separation of a small satellite from its launch vehicle.",
+        epilog="examples:\n"
+        "  satsep-ot new mine.toml            write an annotated case to start from\n"
+        "  satsep-ot check mine.toml          see what the program understands\n"
+        "  satsep-ot simulate mine.toml       one nominal run\n"
+        "  satsep-ot study mine.toml          probabilities, tables and figures\n"
+        "  satsep-ot study                    the same for the reference case of the package\n\n" + _EXIT_CODES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"satsep-ot {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    def command(name, function, summary, examples):
+        added = commands.add_parser(
+            name,
+            help=summary,
+            description=summary[0].upper() + summary[1:] + ".",
+            epilog=f"examples:\n{examples}\n\n{_EXIT_CODES}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        added.set_defaults(command=function)
+        return added
+
+    case_help = "a case file, or the name of a case in the package (default: reference)"
+    new = command("new", _new, "write an annotated case file to start from", "  satsep-ot new mine.toml")
+    new.add_argument("file", type=Path, metavar="FILE", help="the file to write; an existing one is not overwritten")
+
+    check = command(
+        "check",
+        _check,
+        "print a case as it is understood, the range of each uncertain input, and the nominal run",
+        "  satsep-ot check mine.toml\n  satsep-ot check reference",
+    )
+    check.add_argument("case", metavar="CASE.toml", help=case_help.removesuffix(" (default: reference)"))
+
+    run = command(
+        "simulate",
+        _simulate,
+        "simulate the nominal separation of a case",
+        "  satsep-ot simulate\n  satsep-ot simulate mine.toml --json",
+    )
+    run.add_argument("case", nargs="?", default="reference", metavar="CASE.toml", help=case_help)
+    run.add_argument("--json", action="store_true", help="print JSON, in full precision")
+
+    study = command(
+        "study",
+        _study,
+        "estimate the probability of violating each requirement, by several methods",
+        "  satsep-ot study\n"
+        "  satsep-ot study mine.toml --output results --seed 7\n"
+        "  satsep-ot study mine.toml --methods ActiveSubspace MonteCarlo",
+    )
+    study.add_argument("case", nargs="?", default="reference", metavar="CASE.toml", help=case_help)
+    study.add_argument(
+        "--output",
+        type=Path,
+        default=Path("satsep-study"),
+        metavar="DIR",
+        help="where to write (default: satsep-study)",
+    )
+    study.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of the random generator (default: 0)")
+    study.add_argument(
+        "--methods", nargs="+", choices=METHODS, default=list(METHODS), metavar="METHOD",
+        help=f"which methods to run (default: all): {', '.join(METHODS)}",
+    )  # fmt: skip
+    return parser
+
+
+def _seed(text):
+    value = int(text)
+    if not 0 <= value < 2**31:
+        raise argparse.ArgumentTypeError(f"{text} is not a whole number from 0 to {2**31 - 1}")
+    return value
+
+
+def _fail(message, code):
+    print(f"satsep-ot: {message}", file=sys.stderr)
+    return code
+
+
+def _new(options):
+    from importlib import resources
+
+    text = (resources.files("satsep_ot.model") / "cases" / "reference.toml").read_text(encoding="utf-8")
+    try:
+        # "x" leaves no moment in which a file that appears meanwhile could be lost.
+        with options.file.open("x", encoding="utf-8") as stream:
+            stream.write(text.replace('name = "reference"', f"name = {json.dumps(options.file.stem)}", 1))
+    except FileExistsError:
+        return _fail(f"{options.file} exists already and is not overwritten; give another name", 2)
+    print(f"{options.file} written: edit it, then run\n  satsep-ot check {options.file}")
+    return 0
+
+
+def _check(options):
+    from satsep_ot.model.case import load_case
+
+    case = load_case(options.case)
+    console = _console()
+    separation = case.separation
+    console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
+    console.print(_bodies(separation))
+    console.print(_springs(separation))
+    for line in _conditions(separation):
+        console.print(line)
+    console.print(_inputs(case.inputs))
+    outcome, quantities = _nominal_run(case)
+    console.print(_quantities(quantities))
+    console.print(_requirements(case.requirements, quantities))
+    return _report_status(outcome)
+
+
+def _simulate(options):
+    from satsep_ot.model.case import load_case
+
+    case = load_case(options.case)
+    outcome, quantities = _nominal_run(case)
+    release_times = outcome.release_times[0].tolist()
+    if options.json:
+        from satsep_ot.dynamics.separation import Status
+
+        finite = {name: value if value == value else None for name, (value, _, _) in quantities.items()}
+        document = {
+            "case": case.name,
+            "status": Status(int(outcome.status[0])).name,
+            "message": Status(int(outcome.status[0])).sentence,
+            "quantities": finite,
+            "units": {name: unit for name, (_, unit, _) in quantities.items()},
+            "release_times": [time if time == time else None for time in release_times],
+        }
+        print(json.dumps(document, indent=2, allow_nan=False))
+    else:
+        console = _console()
+        console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
+        console.print(_quantities(quantities))
+        for number, time in enumerate(release_times, start=1):
+            console.print(f"spring {number} released at {1e3 * time:.6f} ms")
+    return _report_status(outcome)
+
+
+def _study(options):
+    from satsep_ot.model.case import load_uncertain_case
+
+    # A case that cannot be used is refused before the study's libraries are loaded.
+    case = load_uncertain_case(options.case)
+    from satsep_ot.studies import separation_study
+
+    return separation_study.main(case, options.output, options.seed, options.methods)
+
+
+def _nominal_run(case):
+    """The outcome of the nominal run, and value, unit and description of each quantity by name."""
+    from satsep_ot.dynamics.quantities import quantity_table
+    from satsep_ot.dynamics.simulation import simulate
+
+    outcome = simulate(case.separation)
+    values = {
+        name: (float(quantity.value(outcome.base)[0]), quantity.unit, quantity.description)
+        for name, quantity in quantity_table(case.separation).items()
+    }
+    return outcome, values
+
+
+def _report_status(outcome):
+    from satsep_ot.dynamics.separation import Status
+
+    status = Status(int(outcome.status[0]))
+    return 0 if status == Status.OK else _fail(f"the nominal separation cannot be simulated: {status.sentence}", 1)
+
+
+def _console():
+    from rich.console import Console
+
+    # Off a terminal (a file, a pipe) nothing is to be folded at an arbitrary 80 columns.
+    return Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+
+
+def _plain(text):
+    from rich.markup import escape
+
+    return escape(text)
+
+
+def _table(title, *columns):
+    from rich.box import SIMPLE_HEAD
+    from rich.table import Table
+
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, title_style="bold")
+    for name in columns:
+        table.add_column(_plain(name.removeprefix(">")), justify="right" if name.startswith(">") else "left")
+    return table
+
+
+def _bodies(separation):
+    table = _table("Bodies", "", ">mass [kg]", "inertia xx, yy, zz, xy, xz, yz [kg m2]", "centre of mass [mm]")
+    for name in ("platform", "satellite"):
+        mass, *rest = getattr(separation, name).parameters()
+        inertia, center = rest[:6], rest[6:]
+        table.add_row(name, f"{mass:g}", _numbers(inertia), _numbers(center, 1e3))
+    return table
+
+
+def _springs(separation):
+    from math import degrees
+
+    springs = separation.springs
+    table = _table(
+        f"Springs ({separation.force_line.name.lower()})", ">", ">angle [deg]", ">radius [mm]", ">stiffness [N/m]",
+        ">deformation [mm]", ">stroke [mm]", ">cant [deg]", ">delay [ms]",
+    )  # fmt: skip
+    for i in range(len(springs)):
+        row = (
+            degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i], 1e3 * springs.deformation[i],
+            1e3 * springs.stroke[i], degrees(springs.cant[i]), 1e3 * springs.delay[i],
+        )  # fmt: skip
+        table.add_row(str(i + 1), *(f"{value:g}" for value in row))
+    return table
+
+
+def _conditions(separation):
+    from math import degrees, sqrt
+
+    energy = sum(
+        k * s * (x - 0.5 * s)
+        for k, x, s in zip(
+            separation.springs.stiffness,
+            separation.springs.deformation,
+            map(min, separation.springs.stroke, separation.springs.deformation),
+            strict=True,
+        )
+    )
+    reduced = 1.0 / (1.0 / separation.platform.mass + 1.0 / separation.satellite.mass)
+    yield f"Spring energy {energy:.6g} J, enough for {sqrt(2.0 * energy / reduced):.6g} m/s"
+    if separation.stowed_length:
+        yield f"Stowed length {1e3 * separation.stowed_length:g} mm"
+    yield f"Initial rates {_numbers(map(degrees, separation.rates))} deg/s about the {separation.pivot.name.lower()}"
+    if any(separation.mounting_error):
+        yield f"Mounting error {_numbers(map(degrees, separation.mounting_error))} deg"
+    if separation.orbit is None:
+        yield "No gravity"
+    else:
+        torque = "on" if separation.gradient_torque else "off"
+        position, velocity = separation.orbit.position, separation.orbit.velocity
+        yield f"Orbit: position {_numbers(position, 1e-3)} km, velocity {_numbers(velocity, 1e-3)} km/s"
+        yield f"Gravity-gradient torque: {torque}"
+        yield f"Attitude quaternion {_numbers(separation.attitude)} (w, x, y, z)"
+    if separation.envelope is None:
+        yield "No envelope: no clearance"
+    else:
+        yield (
+            f"Envelope of {len(separation.envelope)} points, {len(separation.recess_points())} of them in a recess "
+            f"of radius {1e3 * separation.recess_radius:g} mm and depth {1e3 * separation.recess_depth:g} mm"
+        )
+
+
+def _inputs(inputs):
+    from satsep_ot.model.inputs import quantile_range
+
+    table = _table(f"Uncertain inputs ({len(inputs)})", "name", "unit", "distribution", ">0.1 %", ">99.9 %", "what")
+    for row in inputs:
+        low, high = quantile_range(row.distribution)
+        table.add_row(
+            _plain(row.name),
+            row.unit,
+            _plain(str(row.distribution)),
+            f"{low:.6g}",
+            f"{high:.6g}",
+            _plain(row.description),
+        )
+    return table
+
+
+def _quantities(quantities):
+    table = _table("Nominal run", "quantity", ">value", "unit", "what")
+    for name, (value, unit, description) in quantities.items():
+        table.add_row(name, f"{value:.9g}", unit, description)
+    return table
+
+
+def _requirements(requirements, quantities):
+    table = _table(
+        f"Requirements ({len(requirements)})", "name", "limit", ">nominal", "unit", "nominal run", ">allowed"
+    )
+    for entry in requirements:
+        value, unit, _ = quantities[entry.quantity]
+        met = value <= entry.limit if entry.is_maximum else value >= entry.limit
+        allowed = "" if entry.allowed_probability is None else f"{entry.allowed_probability:g}"
+        table.add_row(_plain(entry.name), str(entry), f"{value:.6g}", unit, "met" if met else "violated", allowed)
+    return table
+
+
+def _numbers(values, scale=1.0):
+    return ", ".join(f"{value * scale:.6g}" for value in values)

@@ -1,0 +1,304 @@
+"""A separation as a reliability problem: distribution, function, events, and the smooth components behind them."""
+
+import openturns as ot
+
+from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.model.case import CaseError, Requirement, load_uncertain_case
+from satsep_ot.model.inputs import did_you_mean, joint_distribution
+from satsep_ot.model.separation_function import SeparationFunction
+
+# Added to the argument of a norm and of an absolute value: their gradient at 0 is then one of the subgradients instead
+# of 0/0, so that a search for a design point can start at the nominal point. It changes no digit of any rate that
+# matters, and its square is still a number.
+_KINK = 1e-150
+
+
+class SeparationProblem:
+    """Reliability of a separation: the joint distribution of its inputs, its function, an event for each requirement.
+
+    Parameters
+    ----------
+    case : Case, str or path, default "reference"
+        As for :func:`satsep_ot.model.case.load_case`.
+    copula : :class:`openturns.Distribution`, optional
+        Dependence of the uncertain inputs, in their order. Default: independent.
+
+    Raises
+    ------
+    CaseError
+        If the case cannot be used or has no uncertain inputs.
+    ValueError
+        If the copula does not fit.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.model.separation_problem import SeparationProblem
+    >>> problem = SeparationProblem("reference")
+    >>> problem.getRequirementNames()
+    ['lateral rate', 'spin', 'axial velocity', 'clearance']
+    >>> event = problem.getEvent("axial velocity")
+    >>> solver = ot.AbdoRackwitz()
+    >>> solver.setStartingPoint(problem.getDistribution().getMean())
+    >>> algorithm = ot.FORM(solver, event)
+    >>> algorithm.run()
+    >>> round(algorithm.getResult().getHasoferReliabilityIndex(), 1)
+    3.3
+    """
+
+    def __init__(self, case="reference", copula=None):
+        self._case = load_uncertain_case(case)
+        self._distribution = joint_distribution(self._case.inputs, copula)
+        self._quantities = quantity_table(self._case.separation)
+
+    def __repr__(self):
+        return (
+            f"SeparationProblem(case={self._case.name}, inputs={self._distribution.getDimension()}, "
+            f"requirements={[str(requirement) for requirement in self._case.requirements]})"
+        )
+
+    def getCase(self):
+        """The case.
+
+        Returns
+        -------
+        case : :class:`satsep_ot.model.case.Case`
+        """
+        return self._case
+
+    def getDistribution(self):
+        """Joint distribution of the uncertain inputs.
+
+        Returns
+        -------
+        distribution : :class:`openturns.JointDistribution`
+            In the units that its description names.
+        """
+        return ot.JointDistribution(self._distribution)
+
+    def getFunction(self):
+        """All quantities of interest as a function of the uncertain inputs.
+
+        Returns
+        -------
+        function : :class:`openturns.Function`
+            A :class:`satsep_ot.model.separation_function.SeparationFunction` in OpenTURNS' clothes.
+        """
+        return ot.Function(SeparationFunction(self._case))
+
+    def getRequirements(self):
+        """The requirements, in the order of the case file.
+
+        Returns
+        -------
+        requirements : list of :class:`satsep_ot.model.case.Requirement`
+        """
+        return list(self._case.requirements)
+
+    def getRequirementNames(self):
+        """Names of the requirements.
+
+        Returns
+        -------
+        names : list of str
+        """
+        return [requirement.name for requirement in self._case.requirements]
+
+    def getEvent(self, requirement):
+        """The event that a requirement is violated.
+
+        Parameters
+        ----------
+        requirement : str or Requirement
+            One of the case by its name, or any other limit on a quantity of interest.
+
+        Returns
+        -------
+        event : :class:`openturns.ThresholdEvent`
+            On the quantity of interest itself, against the limit.
+
+        Raises
+        ------
+        ValueError
+            If there is no such requirement or quantity.
+        """
+        requirement = self._requirement(requirement)
+        function, composition, _, _ = self.getComponents(requirement)
+        comparison = ot.Greater() if requirement.is_maximum else ot.Less()
+        return self._event(ot.ComposedFunction(composition, function), comparison, requirement.limit, requirement.name)
+
+    def getSystemEvent(self):
+        """The event that any requirement of the case is violated.
+
+        Returns
+        -------
+        event : :class:`openturns.ThresholdEvent`
+            The smallest margin is below 0: one run decides on all requirements. A margin is the distance from the
+            limit, as a fraction of that of the nominal run, so that no requirement hides the others from an algorithm
+            that walks down in levels.
+
+        Raises
+        ------
+        CaseError
+            If the case has no requirements.
+        """
+        function, composition, _, _ = self.getComponents(None)
+        return self._event(ot.ComposedFunction(composition, function), ot.Less(), 0.0, "any requirement")
+
+    def getComponents(self, requirement=None):
+        """The smooth components behind an event, and how they make up the variable that the event compares.
+
+        A surrogate of a norm, of an absolute value or of a minimum over time is poor at the kinks; surrogates of what
+        these are taken of are not.
+
+        Parameters
+        ----------
+        requirement : str or Requirement, optional
+            None stands for the system event.
+
+        Returns
+        -------
+        function : :class:`openturns.Function`
+            From the inputs to p components, by one true run.
+        composition : :class:`openturns.Function`
+            Native; from the p components to the variable of the event.
+        smoothIndices : list of int
+            The components that are smooth.
+        surrogateComposition : :class:`openturns.Function`
+            Native; from the smooth components alone to the variable of the event. For the clearance: the minimum over
+            the points of their clearance at the exit, which is where the minimum over time nearly always lies.
+
+        Raises
+        ------
+        ValueError
+            If there is no such requirement or quantity; a CaseError if the case has no requirements at all.
+        """
+        if requirement is None:
+            requirements = self._case.requirements
+            if not requirements:
+                raise CaseError(f"{self._case.name}: the case has no requirements; give at least one [[requirements]]")
+        else:
+            requirements = [self._requirement(requirement)]
+        names, smooth = [], []
+        for quantity in (entry.quantity for entry in requirements):
+            smooth += self._smooth_components(quantity)
+            names += [] if quantity in _COMPOSED else [quantity]
+            names += self._smooth_components(quantity)
+        names, smooth = list(dict.fromkeys(names)), set(smooth)
+        smooth_names = [name for name in names if name in smooth]
+        # Not getMarginal, whose Hessian has no diagonal in OpenTURNS 1.27: SORM would be wrong.
+        function = ot.Function(SeparationFunction(self._case, quantities=names))
+
+        def compose(variables, exact):
+            values = [self._quantity(entry.quantity, variables, exact) for entry in requirements]
+            if requirement is not None:
+                return values[0]
+            margins = ot.ComposedFunction(self._margins(), ot.AggregatedFunction(values))
+            return _described(
+                ot.ComposedFunction(_minimum(len(values)), margins), self._labels(variables), "smallest margin [1]"
+            )
+
+        return (
+            function,
+            compose(names, True),
+            [names.index(name) for name in smooth_names],
+            compose(smooth_names, False),
+        )
+
+    def _event(self, function, comparison, threshold, name):
+        variable = ot.CompositeRandomVector(function, ot.RandomVector(self.getDistribution()))
+        variable.setDescription(function.getOutputDescription())
+        event = ot.ThresholdEvent(variable, comparison, threshold)
+        event.setName(name)
+        return event
+
+    def _requirement(self, requirement):
+        if isinstance(requirement, Requirement):
+            if requirement.quantity not in self._quantities:
+                raise ValueError(
+                    f"'{requirement.quantity}' is no quantity of this case; it has {', '.join(self._quantities)}"
+                )
+            return requirement
+        names = self.getRequirementNames()
+        if requirement not in names:
+            hint = did_you_mean(str(requirement), names)
+            raise ValueError(f"'{requirement}' is no requirement of this case; it has {', '.join(names)}{hint}")
+        return self._case.requirements[names.index(requirement)]
+
+    def _labels(self, names):
+        return [f"{name} [{self._quantities[name].unit}]" for name in names]
+
+    def _smooth_components(self, quantity):
+        """Names of the smooth quantities that this one is, or nearly always is, made of."""
+        if quantity in _COMPOSED:
+            return list(_COMPOSED[quantity])
+        if quantity == "clearance":
+            return [name for name in self._quantities if name.startswith("exit_clearance")]
+        return [quantity]
+
+    def _quantity(self, quantity, variables, exact):
+        """A quantity as a native function of the variables: its smooth components, or (exact) the clearance itself."""
+        if quantity in _COMPOSED:
+            parts = _COMPOSED[quantity]
+            outer = _norm() if len(parts) == 2 else _absolute_value()
+        elif quantity == "clearance" and not exact:
+            parts = self._smooth_components(quantity)
+            outer = _minimum(len(parts))
+        else:
+            parts, outer = [quantity], None
+        select = ot.Matrix(len(parts), len(variables))
+        for row, part in enumerate(parts):
+            select[row, variables.index(part)] = 1.0
+        selection = ot.LinearFunction([0.0] * len(variables), [0.0] * len(parts), select)
+        function = selection if outer is None else ot.ComposedFunction(outer, selection)
+        return _described(function, self._labels(variables), self._labels([quantity])[0])
+
+    def _margins(self):
+        """The linear map from the requirements' quantities to margins: 0 at the limit, of size 1 at the nominal run."""
+        nominal = simulate(self._case.separation)
+        requirements = self._case.requirements
+        slopes = ot.Matrix(len(requirements), len(requirements))
+        for k, entry in enumerate(requirements):
+            scale = abs(nominal.quantity(entry.quantity)[0] - entry.limit) or abs(entry.limit) or 1.0
+            slopes[k, k] = (-1.0 if entry.is_maximum else 1.0) / scale
+        return ot.LinearFunction([entry.limit for entry in requirements], [0.0] * len(requirements), slopes)
+
+
+# Quantities that are a norm of two smooth ones, or the absolute value of one.
+_COMPOSED = {"lateral_rate": ("rate_x", "rate_z"), "spin": ("rate_y",)}
+
+
+def _described(function, inputs, output):
+    function = ot.Function(function)
+    function.setInputDescription(inputs)
+    function.setOutputDescription([output])
+    return function
+
+
+def _norm():
+    formula = ot.SymbolicFunction(["x", "z", "kink"], ["sqrt((x + kink)^2 + z^2)"])
+    return ot.ParametricFunction(formula, [2], [_KINK])
+
+
+def _absolute_value():
+    return ot.ParametricFunction(ot.SymbolicFunction(["x", "kink"], ["abs(x + kink)"]), [1], [_KINK])
+
+
+def _minimum(size):
+    """The smallest of `size` numbers as a native function with exact derivatives.
+
+    OpenTURNS does not differentiate min, but does differentiate (a + b - |a - b|) / 2, which in turn rounds: values
+    come from the former, derivatives from the latter, by pairs so that the formulas stay short.
+    """
+    variables = [f"v{k}" for k in range(size)]
+    function = ot.SymbolicFunction(variables, [f"min({', '.join(variables)})"])
+    pairs = ot.IdentityFunction(size)
+    while size > 1:
+        names = [f"v{k}" for k in range(size)]
+        halved = [f"({a} + {b} - abs({a} - {b})) / 2" for a, b in zip(names[::2], names[1::2], strict=False)]
+        pairs = ot.ComposedFunction(ot.SymbolicFunction(names, halved + names[len(halved) * 2 :]), pairs)
+        size = (size + 1) // 2
+    function.setGradient(pairs.getGradient())
+    function.setHessian(pairs.getHessian())
+    return function

@@ -1,0 +1,197 @@
+"""The command line: what it prints, its exit codes, and one sentence instead of a traceback."""
+
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+
+import satsep_ot
+from satsep_ot import cli
+from satsep_ot.model.case import load_case
+
+SMALL = (
+    "[platform]\nmass = 10\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+    "[satellite]\nmass = 1\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+    "[springs]\ncount = 2\nradius = 100\nstiffness = 100\ndeformation = 20\nstroke = 10\n"
+)
+
+
+def small(tmp_path, extra=""):
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL + extra, encoding="utf-8")
+    return str(path)
+
+
+def refused(arguments, capsys, code=2):
+    """The one line on stderr of a command that is refused."""
+    assert cli.main(arguments) == code
+    captured = capsys.readouterr()
+    assert captured.err.count("\n") == 1
+    assert captured.err.startswith("satsep-ot: ")
+    return captured.err
+
+
+def test_new_writes_a_case_that_loads_and_never_overwrites(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    assert cli.main(["new", str(path)]) == 0
+    assert "satsep-ot check" in capsys.readouterr().out
+    case = load_case(path)
+    assert case.name == "mine"
+    assert len(case.inputs) == 35
+    path.write_text("precious", encoding="utf-8")
+    assert "exists already and is not overwritten" in refused(["new", str(path)], capsys)
+    assert path.read_text(encoding="utf-8") == "precious"
+
+
+def test_new_where_nothing_can_be_written(tmp_path, capsys):
+    assert "nowhere" in refused(["new", str(tmp_path / "nowhere" / "mine.toml")], capsys)
+
+
+def test_check_prints_the_case_as_understood(capsys):
+    assert cli.main(["check", "reference"]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "mass [kg]", "1500, 600, 1500, 0, 0, 0", "0, -1600, 0", "Springs (guided)", "315", "Spring energy 16.5 J",
+        "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km", "8 points, 4 of them in a recess",
+        "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
+        "0.597912", "lateral_rate <= 2.5", "axial_velocity >= 0.59",
+    ):  # fmt: skip
+        assert words in out, words
+    assert "violated" not in out
+
+
+def test_check_says_which_requirement_the_nominal_run_violates(tmp_path, capsys):
+    extra = '[[requirements]]\nname = "fast"\nquantity = "axial_velocity"\nminimum = 5\nallowed_probability = 1e-3\n'
+    assert cli.main(["check", small(tmp_path, extra)]) == 0
+    out = capsys.readouterr().out
+    assert "violated" in out
+    assert "0.001" in out
+    assert "No gravity" in out
+
+
+def test_names_with_brackets_are_printed_as_they_are(tmp_path, capsys):
+    extra = '[inputs]\n"mass [red]" = { quantity = "satellite.mass", sigma = 0.01 }\n'
+    assert cli.main(["check", small(tmp_path, extra)]) == 0
+    assert "mass [red]" in capsys.readouterr().out
+
+
+def test_simulate_in_words(capsys):
+    assert cli.main(["simulate"]) == 0
+    out = capsys.readouterr().out
+    assert "0.59791" in out
+    assert "spring 4 released at 85.381" in out
+
+
+def test_simulate_as_json(tmp_path, capsys):
+    assert cli.main(["simulate", small(tmp_path), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["case"] == "small"
+    assert document["status"] == "OK"
+    # E = sum K L (xi - L / 2) = 0.03 J and v = sqrt(2 E / mu_r).
+    assert document["quantities"]["axial_velocity"] == pytest.approx((0.06 * 1.1) ** 0.5, rel=1e-8)
+    assert document["units"]["axial_velocity"] == "m/s"
+    assert len(document["release_times"]) == 2
+
+
+def test_a_separation_that_cannot_be_simulated(tmp_path, capsys):
+    path = small(tmp_path).replace("small", "slow")
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write("horizon = 0.01\n" + SMALL)
+    assert cli.main(["simulate", path, "--json"]) == 1
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert document["status"] == "NO_RELEASE"
+    assert document["quantities"]["axial_velocity"] is None
+    assert captured.err.startswith("satsep-ot: the nominal separation cannot be simulated: ")
+
+
+@pytest.mark.parametrize("command", ["check", "simulate", "study"])
+def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
+    assert "there is no such file" in refused([command, "nothing.toml"], capsys)
+    path = small(tmp_path).replace("small", "bad")
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write(SMALL.replace("mass = 10", "mas = 10"))
+    assert "platform.mas is not a known key; did you mean 'mass'?" in refused([command, path], capsys)
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["fly"], ["check"], ["study", "--seed", "-1"], ["study", "--methods", "Guess"]]
+)
+def test_wrong_arguments(arguments, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main(arguments)
+    assert caught.value.code == 2
+    assert "usage: satsep-ot" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [[], ["new"], ["check"], ["simulate"], ["study"]])
+def test_help_has_examples(arguments, capsys):
+    with pytest.raises(SystemExit) as caught:
+        cli.main([*arguments, "--help"])
+    assert caught.value.code == 0
+    out = capsys.readouterr().out
+    assert "examples:\n  satsep-ot " in out
+    assert "exit codes: 0 success" in out
+
+
+def test_version(capsys):
+    with pytest.raises(SystemExit):
+        cli.main(["--version"])
+    assert capsys.readouterr().out == f"satsep-ot {satsep_ot.__version__}\n"
+
+
+def test_study_arguments_arrive(monkeypatch, tmp_path):
+    import satsep_ot.studies
+
+    seen = {}
+
+    class Study:
+        @staticmethod
+        def main(case, output, seed, methods):
+            seen.update(case=case.name, output=str(output), seed=seed, methods=methods)
+            return 0
+
+    monkeypatch.setattr(satsep_ot.studies, "separation_study", Study, raising=False)
+    scatter = '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.01 }\n'
+    arguments = [
+        "study",
+        small(tmp_path, scatter),
+        "--output",
+        "here",
+        "--seed",
+        "7",
+        "--methods",
+        "FORM",
+        "MonteCarlo",
+    ]
+    assert cli.main(arguments) == 0
+    assert seen == {"case": "small", "output": "here", "seed": 7, "methods": ["FORM", "MonteCarlo"]}
+
+
+def test_interruption_has_its_exit_code(monkeypatch, capsys):
+    def interrupt(options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "_simulate", interrupt)
+    assert refused(["simulate"], capsys, 130) == "satsep-ot: interrupted\n"
+
+
+def test_help_loads_none_of_the_heavy_libraries():
+    program = (
+        "import sys\nfrom satsep_ot import cli\n"
+        "try:\n    cli.main(['--help'])\nexcept SystemExit:\n    pass\n"
+        "print(sorted({'numpy', 'openturns', 'numba', 'matplotlib', 'rich', 'scipy'} & set(sys.modules)))"
+    )
+    start = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.endswith("[]\n")
+    assert time.perf_counter() - start < 5.0
+
+
+def test_the_module_runs_as_a_program():
+    done = subprocess.run([sys.executable, "-m", "satsep_ot", "check", "nothing"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("satsep-ot: nothing: there is no such file")
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,169 @@
+"""Uncertain inputs: the table of the reference case, and the map from samples to parameters and back."""
+
+import math
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.dynamics.separation import SPRING_SIZE
+from satsep_ot.model.case import load_case, parse_case
+from satsep_ot.model.inputs import (
+    ParameterMap,
+    build_distribution,
+    joint_distribution,
+    quantile_range,
+    scatter_targets,
+)
+
+# Name, unit, mean, standard deviation of the 35 inputs of the reference case.
+TABLE = [
+    ("satellite_mass", "kg", 100.0, 0.5), ("stage_mass", "kg", 1200.0, 12.0),
+    ("satellite_Ixx", "kg m2", 9.35, 0.14025), ("satellite_Iyy", "kg m2", 8.0, 0.12),
+    ("satellite_Izz", "kg m2", 9.35, 0.14025),
+    ("stage_Ixx", "kg m2", 1500.0, 45.0), ("stage_Iyy", "kg m2", 600.0, 18.0), ("stage_Izz", "kg m2", 1500.0, 45.0),
+    ("satellite_cg_x", "mm", 0.0, 1.5), ("satellite_cg_z", "mm", 0.0, 1.5), ("satellite_cg_y", "mm", 400.0, 2.0),
+    ("stage_cg_x", "mm", 0.0, 10.0), ("stage_cg_z", "mm", 0.0, 10.0), ("stage_cg_y", "mm", -1600.0, 20.0),
+    *((f"stiffness_{i}", "N/m", 5500.0, 55.0) for i in (1, 2, 3, 4)),
+    *((f"deformation_{i}", "mm", 40.0, 0.2) for i in (1, 2, 3, 4)),
+    *((f"cant_{i}", "deg", 0.0, 0.3) for i in (1, 2, 3, 4)),
+    ("stroke", "mm", 30.0, 0.15), ("ring_radius", "mm", 300.0, 0.5),
+    ("rate_x", "deg/s", 0.0, 0.15), ("rate_z", "deg/s", 0.0, 0.15), ("rate_y", "deg/s", 0.0, 0.20),
+    *((f"delay_{i}", "ms", 1.0, 1.0 / math.sqrt(3.0)) for i in (1, 2, 3, 4)),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def case():
+    return load_case("reference")
+
+
+@pytest.fixture(scope="module")
+def parameter_map(case):
+    return ParameterMap(case.inputs, case.separation)
+
+
+def test_the_35_inputs_of_the_reference_case(case):
+    assert len(TABLE) == 35
+    assert [(row.name, row.unit) for row in case.inputs] == [row[:2] for row in TABLE]
+    for row, (_, _, mean, sigma) in zip(case.inputs, TABLE, strict=True):
+        assert row.distribution.getMean()[0] == pytest.approx(mean, rel=1e-14, abs=1e-14), row.name
+        assert row.distribution.getStandardDeviation()[0] == pytest.approx(sigma, rel=1e-12), row.name
+        kind = "Uniform" if row.name.startswith("delay") else "Normal"
+        assert row.distribution.getImplementation().getClassName() == kind
+        assert row.description
+
+
+def test_joint_distribution_is_named_and_independent(case):
+    joint = joint_distribution(case.inputs)
+    assert isinstance(joint, ot.JointDistribution)
+    assert list(joint.getDescription()) == [f"{name} [{unit}]" for name, unit, _, _ in TABLE]
+    assert joint.hasIndependentCopula()
+
+
+def test_joint_distribution_with_a_copula(case):
+    correlation = ot.CorrelationMatrix(35)
+    correlation[14, 15] = 0.8
+    joint = joint_distribution(case.inputs, ot.NormalCopula(correlation))
+    assert joint.getMarginal([14, 15]).getCopula().getParameter()[0] == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("copula", "words"),
+    [
+        (ot.NormalCopula(3), "dimension 3"),
+        (ot.Normal(35), "a copula of dimension 35"),
+        (ot.StudentCopula(3.0, ot.CorrelationMatrix(35)), "StudentCopula"),
+    ],
+)
+def test_copulas_that_do_not_fit(case, copula, words):
+    with pytest.raises(ValueError, match=words):
+        joint_distribution(case.inputs, copula)
+
+
+def test_the_reference_inputs_give_the_nominal_parameters(case, parameter_map):
+    nominal = case.separation.parameters()
+    assert np.array_equal(parameter_map.parameters(parameter_map.reference[None, :])[0], nominal)
+
+
+def test_units_and_places(case, parameter_map):
+    names = case.separation.parameter_names()
+    x = parameter_map.reference.copy()
+    column = {name: k for k, name in enumerate(parameter_map.names)}
+    for name, value in {
+        "satellite_mass": 101.0, "satellite_Iyy": 8.5, "stage_cg_y": -1610.0, "stiffness_3": 5600.0,
+        "deformation_2": 41.0, "cant_4": 0.5, "stroke": 29.0, "ring_radius": 302.0, "rate_y": -0.4, "delay_1": 1.5,
+    }.items():  # fmt: skip
+        x[column[name]] = value
+    moved = dict(zip(names, parameter_map.parameters(x[None, :])[0], strict=True))
+    expected = dict(zip(names, case.separation.parameters(), strict=True))
+    expected |= {
+        "satellite.mass": 101.0, "satellite.inertia.yy": 8.5, "platform.center_of_mass.y": -1.61,
+        "springs[2].stiffness": 5600.0, "springs[1].deformation": 0.041, "springs[3].cant": math.radians(0.5),
+        **{f"springs[{i}].stroke": 0.029 for i in range(4)}, **{f"springs[{i}].radius": 0.302 for i in range(4)},
+        "rates.y": math.radians(-0.4), "springs[0].delay": 0.0015,
+    }  # fmt: skip
+    assert moved == pytest.approx(expected, rel=1e-14, abs=1e-18)
+
+
+def test_the_map_is_the_matrix(case, parameter_map):
+    ot.RandomGenerator.SetSeed(5)
+    sample = np.array(joint_distribution(case.inputs).getSample(50))
+    by_matrix = parameter_map.nominal + (sample - parameter_map.reference) @ parameter_map.matrix.T
+    assert np.allclose(parameter_map.parameters(sample), by_matrix, rtol=1e-13, atol=1e-15)
+    rng = np.random.default_rng(1)
+    by_parameters = rng.normal(size=(3, len(parameter_map.nominal)))
+    assert np.allclose(parameter_map.gradient(by_parameters), by_parameters @ parameter_map.matrix)
+
+
+def test_a_row_does_not_depend_on_its_batch(case, parameter_map):
+    ot.RandomGenerator.SetSeed(6)
+    sample = np.array(joint_distribution(case.inputs).getSample(100))
+    whole = parameter_map.parameters(sample)
+    for i in (0, 41, 99):
+        assert np.array_equal(parameter_map.parameters(sample[i : i + 1])[0], whole[i])
+
+
+def test_springs_that_differ_move_together_by_a_deviation():
+    text = (
+        "[platform]\nmass = 10\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+        "[satellite]\nmass = 1\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+        "[springs]\ncount = 2\nradius = 100\nstiffness = [100, 200]\ndeformation = 20\nstroke = 10\n"
+        '[inputs]\nbatch = { quantity = "springs.stiffness", sigma = 5 }\n'
+        'single = { quantity = "springs.stiffness.2", sigma = "1 %" }\n'
+    )
+    case = parse_case(text)
+    batch, single = case.inputs
+    assert batch.reference == 0.0
+    assert batch.description == "deviation of the stiffness of all springs"
+    assert batch.distribution == ot.Distribution(ot.Normal(0.0, 5.0))
+    assert single.distribution == ot.Distribution(ot.Normal(200.0, 2.0))
+    # The effects of two inputs on one parameter add.
+    moved = ParameterMap(case.inputs, case.separation).parameters(np.array([[7.0, 203.0]]))[0]
+    names = case.separation.parameter_names()
+    assert moved[names.index("springs[0].stiffness")] == 107.0
+    assert moved[names.index("springs[1].stiffness")] == 210.0
+
+
+def test_every_parameter_of_a_spring_and_of_a_body_can_be_scattered(case):
+    targets = scatter_targets(case.separation)
+    reached = {parameter for target in targets.values() for parameter in target.parameters}
+    # What only struts have is not offered for guided springs.
+    assert set(case.separation.parameter_names()) - reached == {"stowed_length"}
+    assert len([key for key in targets if key.startswith("springs.")]) == SPRING_SIZE * (1 + 4)
+
+
+def test_distributions_by_name():
+    assert build_distribution("Exponential", {"lambda": 2.0}) == ot.Distribution(ot.Exponential(2.0, 0.0))
+    with pytest.raises(ValueError, match="'Normal'"):
+        build_distribution("normal", {})
+    with pytest.raises(ValueError, match="no OpenTURNS distribution"):
+        build_distribution("__builtins__", {})
+
+
+def test_quantile_range_of_a_normal():
+    low, high = quantile_range(ot.Normal(10.0, 2.0))
+    assert (low, high) == (
+        pytest.approx(10.0 - 2.0 * 3.0902323, rel=1e-7),
+        pytest.approx(10.0 + 2.0 * 3.0902323, rel=1e-7),
+    )
