@@ -16,6 +16,10 @@ BLOCK_SIZE = 1024
 DENSE_SPLIT_SIZE = 400
 # What is left of 1 - leverage when the fit depends on the point alone.
 LOST_SLACK = 1e-12
+# Panel width for which the factorisation gets its workspace.
+BLOCKED_COLUMNS = 64
+
+_GEQRF, _TRCON, _TRTRS = linalg.get_lapack_funcs(("geqrf", "trcon", "trtrs"), (np.empty((1, 1)),))
 
 
 def hermite_recurrence(degree: int) -> np.ndarray:
@@ -131,6 +135,10 @@ class PolynomialBasis:
         self.indices = total_degree_indices(dimension, degree, norm)
         self.size = len(self.indices)
         self._blocks = self._multiplication_blocks()
+        # Columns (dimension, 1) for each order; symmetric families have no constant part.
+        self._steps = [
+            (a[:, None], b[:, None] if b.any() else None, c[:, None]) for a, b, c in recurrence.transpose(1, 2, 0)
+        ]
 
     def __repr__(self):
         return f"PolynomialBasis(dimension={self.dimension}, degree={self.degree}, size={self.size})"
@@ -157,14 +165,14 @@ class PolynomialBasis:
         x = np.ascontiguousarray(points.T)
         table = np.empty((self.degree + 1, *x.shape))
         table[0] = 1.0
-        for order in range(self.degree):
-            a, b, c = self.recurrence[:, order].T[:, :, None]
-            np.multiply(a, x, out=table[order + 1])
-            if b.any():
-                table[order + 1] += b
-            table[order + 1] *= table[order]
+        for order, (a, b, c) in enumerate(self._steps):
+            following = table[order + 1]
+            np.multiply(a, x, out=following)
+            if b is not None:
+                following += b
+            following *= table[order]
             if order:
-                table[order + 1] += c * table[order - 1]
+                following += c * table[order - 1]
         return table
 
     def _points(self, points):
@@ -173,25 +181,30 @@ class PolynomialBasis:
             raise ValueError(f"The points must have shape (n, {self.dimension}), got {points.shape}.")
         return points
 
-    def evaluate(self, points: np.ndarray) -> np.ndarray:
+    def evaluate(self, points: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Values of all terms.
 
         Parameters
         ----------
         points : ndarray (n, dimension)
+        out : ndarray (size, n), optional
+            Where to write them.
 
         Returns
         -------
         ndarray (size, n)
         """
         points = self._points(points)
-        values = np.empty((self.size, len(points)))
+        values = np.empty((self.size, len(points))) if out is None else out
         for start in range(0, len(points), BLOCK_SIZE):
             self._evaluate_block(points[start : start + BLOCK_SIZE], values[:, start : start + BLOCK_SIZE])
         return values
 
     def _evaluate_block(self, points, values):
         table = self._univariate(points)
+        if self.dimension == 1:
+            values[:] = table[:, 0]
+            return
         values[0] = 1.0
         for first, last, parent, variable, order in self._blocks:
             if parent == 0:
@@ -342,18 +355,15 @@ class PolynomialFit:
     ----------
     basis : PolynomialBasis
     coefficients : ndarray (size,) or (size, p)
-    residuals : ndarray (n,) or (n, p)
-        values - prediction at the training points, not weighted.
     rank : int
         Numerical rank of the weighted design; less than ``basis.size`` means the minimum-norm solution.
     condition : float
         Condition number of the weighted design (an estimate in the 1-norm unless the rank is deficient).
     """
 
-    def __init__(self, basis, points, values, weights, coefficients, residuals, factor, rank, condition):
+    def __init__(self, basis, points, values, weights, coefficients, factor, rank, condition):
         self.basis = basis
         self.coefficients = coefficients
-        self.residuals = residuals
         self.rank = rank
         self.condition = condition
         self._points = points
@@ -361,6 +371,11 @@ class PolynomialFit:
         self._weights = weights
         # Matrix (size, rank) that turns a basis vector psi into the row psi^T factor of the orthonormal design.
         self._factor = factor
+
+    @functools.cached_property
+    def residuals(self):
+        """Values minus predictions at the training points, not weighted."""
+        return self._values - self.predict(self._points)
 
     def predict(self, points):
         """Values at points (n, dimension): ndarray (n,) or (n, p)."""
@@ -489,29 +504,35 @@ def fit_polynomial(
     if not (np.isfinite(points).all() and np.isfinite(values).all()):
         bad = ~(np.isfinite(points).all(axis=1) & np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         raise ValueError(f"A fit needs finite data, but {bad.sum()} rows are not, the first is row {bad.argmax()}.")
-    design = basis.evaluate(points)
     scale = None
     if weights is not None:
         weights = np.asarray(weights, dtype=float)
         if weights.shape != (len(points),) or not (np.isfinite(weights).all() and (weights >= 0.0).all()):
             raise ValueError(f"The weights must be {len(points)} finite numbers >= 0.")
         scale = np.sqrt(weights)
-        design *= scale
-    target = values if scale is None else (values.T * scale).T
     size = basis.size
     if len(points) < size and not allow_deficient:
         raise ValueError(
             f"A polynomial of {size} terms needs at least {size} points, got {len(points)}: "
             "give more points or lower the degree."
         )
+    # The outputs ride along as further columns of the factorisation, which leaves Q^T y in them.
+    columns = values.reshape(len(values), -1)
+    system = np.empty((size + columns.shape[1], len(points)))
+    basis.evaluate(points, out=system[:size])
+    system[size:] = columns.T
+    if scale is not None:
+        system *= scale
     if len(points) >= size:
-        coefficients, triangle, condition = _solve_by_qr(design, target)
+        coefficients, triangle, condition = _solve_by_qr(system, size)
         if condition < 1.0 / (size * np.finfo(float).eps):
-            residuals = values - basis.predict(points, coefficients)
-            return PolynomialFit(basis, points, values, weights, coefficients, residuals, triangle, size, condition)
-        design = basis.evaluate(points)
+            coefficients = coefficients.reshape(size, *values.shape[1:])
+            return PolynomialFit(basis, points, values, weights, coefficients, triangle, size, condition)
+        basis.evaluate(points, out=system[:size])
         if scale is not None:
-            design *= scale
+            system[:size] *= scale
+    design = system[:size]
+    target = values if scale is None else (values.T * scale).T
     left, singular, right = linalg.svd(design.T, full_matrices=False, check_finite=False)
     rank = int((singular > singular[0] * max(design.shape) * np.finfo(float).eps).sum())
     if rank < size and not allow_deficient:
@@ -521,28 +542,21 @@ def fit_polynomial(
         )
     factor = right[:rank].T / singular[:rank]
     coefficients = factor @ (left[:, :rank].T @ target)
-    residuals = values - basis.predict(points, coefficients)
     condition = singular[0] / singular[-1] if singular[-1] > 0.0 else np.inf
     if rank == size:
         # The triangular factor is what the rest of the class works with at full rank.
         factor = linalg.qr(design.T, mode="r", check_finite=False)[0][:size]
-    return PolynomialFit(basis, points, values, weights, coefficients, residuals, factor, rank, condition)
+    return PolynomialFit(basis, points, values, weights, coefficients, factor, rank, condition)
 
 
-def _solve_by_qr(design, target):
-    """Coefficients, triangular factor and condition estimate; ``design`` (terms, points) is overwritten."""
-    size = len(design)
-    geqrf, ormqr, trtrs, trcon = linalg.get_lapack_funcs(("geqrf", "ormqr", "trtrs", "trcon"), (design,))
-    work_size = int(linalg.get_lapack_funcs("geqrf_lwork")(design.shape[1], size)[0])
-    factored, tau, _, info = geqrf(design.T, lwork=work_size, overwrite_a=1)
-    columns = np.asfortranarray(target.reshape(len(target), -1))
-    work_size = int(ormqr("L", "T", factored, tau, columns, -1)[1][0])
-    rotated, _, info = ormqr("L", "T", factored, tau, columns, work_size)
-    triangle = np.triu(factored[:size])
-    reciprocal, info = trcon(triangle, norm="1", uplo="U")
+def _solve_by_qr(system, size):
+    """Coefficients, triangular factor and condition estimate; ``system`` (terms and outputs, points) is overwritten."""
+    factored, _, _, _ = _GEQRF(system.T, lwork=BLOCKED_COLUMNS * len(system), overwrite_a=1)
+    triangle = np.triu(factored[:size, :size])
+    reciprocal, _ = _TRCON(triangle, norm="1", uplo="U")
     if reciprocal == 0.0:
         return None, triangle, np.inf
-    solution, info = trtrs(triangle, rotated[:size])
+    solution, info = _TRTRS(triangle, factored[:size, size:])
     if info:
         return None, triangle, np.inf
-    return solution.reshape(size, *target.shape[1:]), triangle, 1.0 / reciprocal
+    return solution, triangle, 1.0 / reciprocal
