@@ -342,9 +342,11 @@ def _requirements(requirements, quantities):
     )
     for entry in requirements:
         value, unit, _ = quantities[entry.quantity]
-        met = value <= entry.limit if entry.is_maximum else value >= entry.limit
+        verdict = "met" if entry.is_met(value) else "violated"
         allowed = "" if entry.allowed_probability is None else f"{entry.allowed_probability:g}"
-        table.add_row(_plain(entry.name), str(entry), f"{value:.6g}", unit, "met" if met else "violated", allowed)
+        table.add_row(
+            _plain(entry.name), str(entry), f"{value:.6g}", unit, "unknown" if value != value else verdict, allowed
+        )
     return table
 
 

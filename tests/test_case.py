@@ -1,6 +1,8 @@
 """Case files: what they say arrives in SI, and whatever is wrong is one sentence with file, key and what is allowed."""
 
 import math
+import random
+import re
 from importlib import resources
 
 import numpy as np
@@ -331,6 +333,24 @@ def test_shapes_of_whole_tables():
 
 def test_nesting_without_end_is_refused():
     assert "nested too deep" in refusal("a = " + "[" * 100_000)
+
+
+def test_mutated_cases_are_read_or_refused():
+    values = [
+        "0", "-1", "1e308", "nan", "inf", "true", "[]", "{}", "'x'", "[1, 2, 3]", "[[1, 0, 0], [0, 1, 0], [0, 0, 1]]",
+        "99999999999999999999", '"Mixture"', '"Wishart"', '"Dirac"', '"strut"', '"50 %"', "1979-05-27", "",
+    ]  # fmt: skip
+    generator = random.Random(0)
+    outcomes = set()
+    for _ in range(300):
+        text = REFERENCE[REFERENCE.index("name =") :]
+        token = generator.choice(list(re.finditer(r'-?\d+\.?\d*|"[^"\n]*"|\w+', text)))
+        text = text[: token.start()] + generator.choice(values) + text[token.end() :]
+        try:
+            outcomes.add(type(parse_case(text, "mine.toml")))
+        except CaseError:
+            outcomes.add(CaseError)
+    assert outcomes == {Case, CaseError}
 
 
 def test_an_envelope_that_never_was_in_the_recess():

@@ -107,6 +107,19 @@ def test_a_separation_that_cannot_be_simulated(tmp_path, capsys):
     assert captured.err.startswith("satsep-ot: the nominal separation cannot be simulated: ")
 
 
+def test_check_of_a_separation_that_cannot_be_simulated(tmp_path, capsys):
+    extra = '[[requirements]]\nquantity = "axial_velocity"\nminimum = 0.1\n'
+    path = small(tmp_path, extra)
+    with open(path, encoding="utf-8") as stream:
+        text = stream.read()
+    with open(path, "w", encoding="utf-8") as stream:
+        stream.write("horizon = 0.01\n" + text)
+    assert cli.main(["check", path]) == 1
+    captured = capsys.readouterr()
+    assert "unknown" in captured.out
+    assert "cannot be simulated" in captured.err
+
+
 @pytest.mark.parametrize("command", ["check", "simulate", "study"])
 def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
     assert "there is no such file" in refused([command, "nothing.toml"], capsys)

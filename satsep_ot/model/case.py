@@ -75,6 +75,10 @@ class Requirement:
     is_maximum: bool
     allowed_probability: float | None = None
 
+    def is_met(self, value: float) -> bool:
+        """Whether a value of the quantity meets the requirement; the limit itself does."""
+        return value <= self.limit if self.is_maximum else value >= self.limit
+
     def __str__(self) -> str:
         return f"{self.quantity} {'<=' if self.is_maximum else '>='} {self.limit:g}"
 
