@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import OPTIONS
+from satsep_ot.dynamics.compilation import KERNEL
 from satsep_ot.dynamics.integration import EIGHTH_ORDER, FOURTH_ORDER, error_ratio, finish, full_step, stages
 from satsep_ot.dynamics.rigid_body import STATE_SIZE, derivative, seat_motion
 from satsep_ot.dynamics.rotations import quaternion_from_rotation_vector, rotation_matrix_elements
@@ -32,10 +32,12 @@ OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PA
 AT_START, INSIDE, AT_EXIT = 0, 1, 2
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def invert_inertia(p, k, c, at):
-    """Write the tensor of the six elements p[k:k+6] and its inverse into c[at:at+18]; False if it is not positive definite
-    or breaks the triangle inequality of principal moments."""
+    """Write the tensor of the six elements p[k:k+6] and its inverse into c[at:at+18].
+
+    Returns whether it is positive definite and obeys the triangle inequality of principal moments.
+    """
     xx, yy, zz, xy, xz, yz = p[k], p[k + 1], p[k + 2], p[k + 3], p[k + 4], p[k + 5]
     cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     determinant = xx * cxx + xy * cxy + xz * cxz
@@ -46,7 +48,8 @@ def invert_inertia(p, k, c, at):
     c[at + 9], c[at + 10], c[at + 11] = cxx * inverse, cxy * inverse, cxz * inverse
     c[at + 12], c[at + 13], c[at + 14] = cxy * inverse, (xx * zz - xz * xz) * inverse, (xy * xz - xx * yz) * inverse
     c[at + 15], c[at + 16], c[at + 17] = cxz * inverse, c[at + 14], (xx * yy - xy * xy) * inverse
-    # Principal moments obey the triangle inequality where trace/2 I - inertia, the second moment of mass, has none negative.
+    # Principal moments obey the triangle inequality where the second moment of mass, trace / 2 - inertia, has no
+    # negative one.
     half = 0.5 * (xx + yy + zz) * (1.0 + 1e-9)
     a, b, d = half - xx, half - yy, half - zz
     return (
@@ -63,7 +66,7 @@ def invert_inertia(p, k, c, at):
     )
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def prepare(p, orbit, force_line, c, springs, x):
     """Turn a parameter vector into the constants c, the spring table and the initial state x.
 
@@ -88,7 +91,8 @@ def prepare(p, orbit, force_line, c, springs, x):
         valid = valid and radius >= 0.0 and p[q + 2] > 0.0 and p[q + 3] > 0.0 and p[q + 4] > 0.0 and p[q + 6] >= 0.0
         ca, sa, cb, sb = math.cos(angle), math.sin(angle), math.cos(cant), math.sin(cant)
         springs[i, 6], springs[i, 7], springs[i, 8] = -sb * sa, cb, sb * ca
-        # A stowed strut lies along its (canted) guide: the platform's seat is recessed by l_0 n, the satellite is raised by l_0 y.
+        # A stowed strut lies along its (canted) guide: the platform's seat is recessed by l_0 n, the satellite raised
+        # by l_0 y.
         springs[i, 0] = radius * ca - stowed * springs[i, 6] - p[7]
         springs[i, 1] = stowed * (1.0 - cb) - p[8]
         springs[i, 2] = radius * sa - stowed * springs[i, 8] - p[9]
@@ -120,7 +124,7 @@ def prepare(p, orbit, force_line, c, springs, x):
     return valid, math.sqrt(square), math.sqrt(2.0 * energy * c[0])
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def point_motion(x, system, i):
     """Position of envelope point i from the platform's ring centre and its velocity, in platform axes."""
     p = system.parameters
@@ -138,9 +142,9 @@ def point_motion(x, system, i):
     return ax + p[7], ay + p[8], az + p[9], vx, vy, vz
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def release_prediction(s, rate, acceleration, stroke, square):
-    """Time until the stroke is reached [s], from the harmonic motion with the squared frequency `square` to fifth order."""
+    """Time until the stroke is reached [s], from harmonic motion of squared frequency `square` to fifth order."""
     gap = stroke - s
     h = (
         gap / max(rate, 1e-300)
@@ -163,9 +167,9 @@ def release_prediction(s, rate, acceleration, stroke, square):
     return max(h, 0.0)
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def reached_release(x, system, k, expected):
-    """The spring that has reached its stroke first at or before x (or the one expected to be about to), and the time to it."""
+    """The spring that reached its stroke first at or before x (or the one expected to), and the time from x to that."""
     spring, time = -1, np.inf
     for i in range(system.springs.shape[0]):
         if system.active[i]:
@@ -176,10 +180,12 @@ def reached_release(x, system, k, expected):
     return spring, time
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def settle_on_release(t, x, system, work, spring, time, frequency):
-    """Correct the state x at t by short steps until the first spring is exactly at its stroke; returns that spring and the
-    total correction [s]."""
+    """Correct the state x at t by short steps until the first spring is exactly at its stroke.
+
+    Returns that spring and the total correction [s].
+    """
     total = 0.0
     for _ in range(6):
         if abs(time) * frequency < 1e-8:
@@ -194,7 +200,7 @@ def settle_on_release(t, x, system, work, spring, time, frequency):
     return spring, total
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def locate_exit(t, x, h, system, work, i, short, out):
     """Step from x to the instant near t + h at which point i leaves the recess; returns the length of that step [s]."""
     for _ in range(8):
@@ -202,7 +208,8 @@ def locate_exit(t, x, h, system, work, i, short, out):
         _, ay, _, _, vy, _ = point_motion(out, system, i)
         change = (system.parameters[28] - ay) / vy
         h += change
-        if abs(change) < 1e-14:
+        if abs(change) < 1e-10:
+            # At lateral velocities of 0.1 m/s this is 1e-11 m of clearance.
             break
     return h
 
@@ -213,13 +220,14 @@ class Follow(NamedTuple):
     step: np.ndarray  # step in which the point left the recess, -1 before (E,)
     base: np.ndarray  # index of the tape state from which the exit is reached by one step (E,)
     h: np.ndarray  # length of that step [s] (E,)
+    method: np.ndarray  # its Runge-Kutta method (E,)
     x: np.ndarray  # state at the exit (E, STATE_SIZE)
     clearance: np.ndarray  # clearance at the exit [m] (E,)
     closest_x: np.ndarray  # state at the smallest clearance (STATE_SIZE,)
     closest: np.ndarray  # [clearance, point, AT_START | INSIDE | AT_EXIT, step, length of the step to it]
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def follow_points(step, tape, system, work, follow, short, room):
     """Look at the step just taken: points that left the recess in it, and clearances that were smallest within it.
 
@@ -252,16 +260,20 @@ def follow_points(step, tape, system, work, follow, short, room):
             )
             bx, by, bz, ux, uy, uz = point_motion(follow.x[i], system, i)
             follow.step[i], follow.base[i], follow.h[i] = step, base, length
+            follow.method[i] = FOURTH_ORDER if abs(length) <= short else EIGHTH_ORDER
             follow.clearance[i] = radius - math.sqrt(bx * bx + bz * bz)
             end = length if base == step else h + length
             left += 1
         # d(rho^2)/dt / 2 changes from growing to shrinking: the point was nearest to the wall in between.
         growth, shrinkage = ax * vx + az * vz, bx * ux + bz * uz
-        if growth > 0.0 and shrinkage < 0.0:
+        # Worth a look only where the straight line from the start of the step would come closer than anything so far.
+        start_radius = math.sqrt(ax * ax + az * az)
+        nearest = radius - start_radius - max(growth, 0.0) * end / start_radius
+        if growth > 0.0 and shrinkage < 0.0 and nearest < follow.closest[0] - 1e-9:
             length = end * growth / (growth - shrinkage)
             for _ in range(4):
                 full_step(FOURTH_ORDER if length <= short else EIGHTH_ORDER, t, x, length, work, system, room)
-                cx, cy, cz, wx, wy, wz = point_motion(room, system, i)
+                cx, _, cz, wx, _, wz = point_motion(room, system, i)
                 value = cx * wx + cz * wz
                 # Regula falsi on the growth of rho^2: its root only needs to be as good as the clearance, 1e-6 m.
                 if value > 0.0:
@@ -269,21 +281,21 @@ def follow_points(step, tape, system, work, follow, short, room):
                 else:
                     length *= growth / (growth - value)
             full_step(FOURTH_ORDER if length <= short else EIGHTH_ORDER, t, x, length, work, system, room)
-            cx, cy, cz, wx, wy, wz = point_motion(room, system, i)
+            cx, _, cz, _, _, _ = point_motion(room, system, i)
             note_clearance(follow, radius - math.sqrt(cx * cx + cz * cz), i, INSIDE, step, length, room)
         if exits:
             note_clearance(follow, follow.clearance[i], i, AT_EXIT, step, follow.h[i], follow.x[i])
     return left
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def _cubic(z, value0, slope0, value1, slope1):
     """The Hermite cubic on [0, 1]."""
     rise = value1 - value0
     return value0 + z * (slope0 + z * (3.0 * rise - 2.0 * slope0 - slope1 + z * (slope0 + slope1 - 2.0 * rise)))
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def note_clearance(follow, clearance, point, kind, step, h, x):
     """Keep the smallest clearance so far and where it was met."""
     if clearance < follow.closest[0]:
@@ -304,7 +316,7 @@ class Tape(NamedTuple):
     spring: np.ndarray  # which spring does
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time, stop_x):
     """Simulate one run; returns (status, number of steps, index of the tape state at the last release).
 
@@ -338,7 +350,7 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
         if step >= MAXIMUM_STEPS:
             return TOO_MANY_STEPS, step, last
         x, new = tape.x[step], tape.x[step + 1]
-        # The next instant that no step may cross: the start of a push, a time asked for, the horizon.
+        # The next instant that no step may cross: the start of a push, the horizon, the end.
         boundary, event, which = np.inf, NOTHING, -1
         if to_release > 0 or inside > 0:
             if t >= horizon:
@@ -347,8 +359,8 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
         for i in range(pending.shape[0]):
             if pending[i] and springs[i, 12] < boundary:
                 boundary, event, which = springs[i, 12], PUSH_STARTS, i
-        if stop < stops.shape[0] and stops[stop] <= boundary:
-            boundary, event, which = stops[stop], NOTHING, -1
+        if boundary == np.inf:
+            boundary = stops[-1]
         limit = boundary - t  # a correction onto a release may have passed the boundary by less than a short step
         # The next release, predicted from the slope here.
         derivative(t, x, work.k, 0, system)
@@ -369,11 +381,12 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
             h = h_next
             if to_release == 0 and inside > 0:
                 # Coasting: end the step where the last point is about to leave the recess.
+                ahead = 0.0
                 for i in range(follow.step.shape[0]):
                     if follow.step[i] < 0:
                         _, ay, _, _, vy, _ = point_motion(x, system, i)
-                        if vy > 0.0:
-                            h = min(h, 1.0001 * (p[28] - ay) / vy + 1e-9)
+                        ahead = max(ahead, (p[28] - ay) / vy) if vy > 0.0 else np.inf
+                h = min(h, 1.0001 * ahead + 1e-9)
             for n in range(3):
                 work.scale[n] = tolerance * stroke
                 work.scale[3 + n] = tolerance * (velocity + abs(x[3 + n]))
@@ -393,7 +406,7 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
                 if method == EIGHTH_ORDER:
                     ratio = error_ratio(h, work)
                     if not ratio <= 1.0:
-                        h *= max(0.2, 0.9 * ratio**-0.125) if ratio < np.inf else 0.2
+                        h *= max(0.2, 0.9 * ratio**-0.125) if ratio < 1e30 else 0.2
                         h_next, landing = h, False
                         continue
                     suggestion = h * (min(6.0, 0.9 * ratio**-0.125) if ratio > 0.0 else 6.0)
@@ -419,6 +432,11 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
         tape.h[step], tape.method[step], tape.event[step], tape.spring[step] = h, method, event, which
         if inside > 0:
             inside -= follow_points(step, tape, system, work, follow, short, stop_x[stops.shape[0]])
+        while stop < stops.shape[0] and stops[stop] <= t + h:
+            # A time asked for is reached by a step of its own, so that the chain does not depend on it.
+            ahead = stops[stop] - t
+            full_step(FOURTH_ORDER if ahead <= short else EIGHTH_ORDER, t, x, ahead, work, system, stop_x[stop])
+            stop += 1
         reached_boundary = event != RELEASE and h >= limit
         t = boundary if reached_boundary else t + h
         step += 1
@@ -428,9 +446,11 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
             release_time[which] = t
             to_release -= 1
             last = step
+            if to_release == 0:
+                # From here on nothing is faster than the bodies' own rotation: as long a step as the error allows.
+                h_next = np.inf
+                rate = abs(new[6]) + abs(new[7]) + abs(new[8]) + abs(new[9]) + abs(new[10]) + abs(new[11])
+                short = (0.6 * tolerance) ** 0.2 / (rate + 1e-2)
         elif event == PUSH_STARTS:
             active[which], pending[which] = True, False
-        if reached_boundary and stop < stops.shape[0] and boundary == stops[stop]:
-            stop_x[stop] = new
-            stop += 1
     return OK, step, last

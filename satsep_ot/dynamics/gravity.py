@@ -1,21 +1,21 @@
 """Gravity as a separation feels it: the difference between two nearby points, and the gradient torque.
 
 Sources: Battin, *An Introduction to the Mathematics and Methods of Astrodynamics* (1999), section 8.4 (difference of
-two nearby central accelerations without cancellation) and 3.4 (Lagrange's f and g series); Wie, *Space Vehicle Dynamics and
-Control* (2008), section 6.10 (gravity-gradient torque).
+two nearby central accelerations without cancellation) and 3.4 (Lagrange's f and g series); Wie, *Space Vehicle
+Dynamics and Control* (2008), section 6.10 (gravity-gradient torque).
 """
 
 import math
 
 from numba import njit
 
-from satsep_ot.dynamics.compilation import OPTIONS
+from satsep_ot.dynamics.compilation import KERNEL
 
 EARTH_GRAVITATIONAL_PARAMETER = 3.986004418e14  # m3/s2, WGS 84
 EARTH_RADIUS = 6378137.0  # m, equatorial, WGS 84
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def differential_gravity(rate, rx, ry, rz, dx, dy, dz):
     """g(r + d) - g(r) [m/s2] by Battin's formula, with rate = mu / |r|^3 [1/s2].
 
@@ -27,7 +27,7 @@ def differential_gravity(rate, rx, ry, rz, dx, dy, dz):
     return -rate * (dx + f * (rx + dx)), -rate * (dy + f * (ry + dy)), -rate * (dz + f * (rz + dz))
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def orbit_position(t, mu, rx, ry, rz, vx, vy, vz):
     """Position [m] at t [s] on the Kepler orbit through (r, v) at t = 0, by the f and g series to t^4.
 
@@ -42,7 +42,7 @@ def orbit_position(t, mu, rx, ry, rz, vx, vy, vz):
     return f * rx + g * vx, f * ry + g * vy, f * rz + g * vz
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def gradient_torque(rate, nx, ny, nz, hx, hy, hz):
     """3 mu/r^3 n x (I n) [N m] with the unit vector n to (or from) the Earth and h = I n, all in body axes."""
     return 3.0 * rate * (ny * hz - nz * hy), 3.0 * rate * (nz * hx - nx * hz), 3.0 * rate * (nx * hy - ny * hx)

@@ -1,8 +1,9 @@
 """Explicit Runge-Kutta steps: the eighth-order method of Dormand and Prince, and the classical fourth-order one.
 
-The eighth-order method carries the long stretches at the tolerance asked for; the fourth-order one the stretches that are
-so short that its error is far below the tolerance (between two releases, and the last correction onto an event), at a third
-of the cost. Source: Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I* (1993), sections II.1 and II.5.
+The eighth-order method carries the long stretches at the tolerance asked for; the fourth-order one the stretches that
+are so short that its error is far below the tolerance (between two releases, and the last correction onto an event),
+at a third of the cost. Source: Hairer, Norsett, Wanner, *Solving Ordinary Differential Equations I* (1993), sections
+II.1 and II.5.
 """
 
 import math
@@ -12,7 +13,7 @@ import numpy as np
 from numba import njit
 from scipy.integrate import DOP853
 
-from satsep_ot.dynamics.compilation import OPTIONS
+from satsep_ot.dynamics.compilation import KERNEL
 from satsep_ot.dynamics.rigid_body import STATE_SIZE, derivative
 
 STAGES = 12
@@ -25,8 +26,8 @@ _classical_b[:4] = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0
 _classical_c = np.zeros(STAGES)
 _classical_c[:4] = 0.0, 0.5, 0.5, 1.0
 
-# Coefficients by method: A[method, stage, earlier stage], weights B, nodes C, number of stages; the error weights of the
-# fifth and third order belong to the eighth-order method.
+# Coefficients by method: A[method, stage, earlier stage], weights B, nodes C, number of stages; the error weights of
+# the fifth and third order belong to the eighth-order method.
 A = np.array([DOP853.A[:STAGES, :STAGES], _classical_a])
 B = np.array([DOP853.B, _classical_b])
 C = np.array([DOP853.C[:STAGES], _classical_c])
@@ -42,9 +43,12 @@ class Work(NamedTuple):
     scale: np.ndarray  # error allowed in each component (STATE_SIZE,)
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def stages(method, t, x, h, work, system):
-    """Fill the stage states y and slopes k of one step of length h [s] from x; k[0, :] must be the slope at x already."""
+    """Fill the stage states y and slopes k of one step of length h [s] from x
+
+    k[0, :] must be the slope at x already.
+    """
     k, y = work.k, work.y
     for n in range(STATE_SIZE):
         y[0, n] = x[n]
@@ -62,7 +66,7 @@ def stages(method, t, x, h, work, system):
         derivative(t + C[method, i] * h, row, k, i, system)
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def finish(method, h, work, out):
     """Write the state at the end of the step into `out`, from its stages; `out` may be the state at its start."""
     k, y = work.k, work.y
@@ -77,7 +81,7 @@ def finish(method, h, work, out):
         out[n] = y[0, n] + h * out[n]
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def full_step(method, t, x, h, work, system, out):
     """One whole step from x, without error control."""
     derivative(t, x, work.k, 0, system)
@@ -85,7 +89,7 @@ def full_step(method, t, x, h, work, system, out):
     finish(method, h, work, out)
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def error_ratio(h, work):
     """Estimated error of an eighth-order step over the error allowed, as in Hairer's DOP853."""
     k, scale = work.k, work.scale

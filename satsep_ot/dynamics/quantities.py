@@ -1,8 +1,8 @@
 """Quantities of interest of a separation.
 
-Each is one function of the base: what a run leaves behind (columns of a (n, B) array, SI, radians): the state at the last
-release (see `satsep_ot.dynamics.rigid_body`), its time, the smallest clearance, and the clearance of each followed envelope point at
-the instant at which it leaves the recess. A new quantity is one row of `QUANTITIES`.
+Each is one function of the base: what a run leaves behind (columns of a (n, B) array, SI, radians): the state at the
+last release (see `satsep_ot.dynamics.rigid_body`), its time, the smallest clearance, and the clearance of each
+followed envelope point at the instant at which it leaves the recess. A new quantity is one row of `QUANTITIES`.
 """
 
 import math
@@ -18,7 +18,10 @@ DEGREES = 180.0 / math.pi
 
 
 class Quantity(NamedTuple):
-    """A named quantity of interest: `value` and `gradient` take the base (n, B); `columns` are those that it depends on."""
+    """A named quantity of interest:
+
+    `value` and `gradient` take the base (n, B); `columns` are those that it depends on.
+    """
 
     unit: str
     description: str

@@ -15,20 +15,21 @@ State of a run (20 numbers, SI, radians), platform axes unless said:
 ====== ==========================================================================================
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import OPTIONS
+from satsep_ot.dynamics.compilation import KERNEL
 from satsep_ot.dynamics.gravity import differential_gravity, gradient_torque, orbit_position
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.springs import push_direction
 
 STATE_SIZE = 20
 
-# Constants of a run: inverse reduced mass, inertia tensors and their inverses (row by row), stowed length, then the orbit of
-# the platform's CG (gravitational parameter, ECI position and velocity).
+# Constants of a run: inverse reduced mass, inertia tensors and their inverses (row by row), stowed length, then the
+# orbit of the platform's CG (gravitational parameter, ECI position and velocity).
 INVERSE_REDUCED_MASS = 0
 PLATFORM_INERTIA, PLATFORM_INVERSE_INERTIA, SATELLITE_INERTIA, SATELLITE_INVERSE_INERTIA = 1, 10, 19, 28
 STOWED_LENGTH = 37
@@ -50,7 +51,7 @@ class System(NamedTuple):
     gravity: int
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def times(c, k, x, y, z):
     """The product of the 3 x 3 matrix stored row by row from c[k] with (x, y, z)."""
     return (
@@ -60,13 +61,13 @@ def times(c, k, x, y, z):
     )
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def cross(ax, ay, az, bx, by, bz):
     """The vector product a x b."""
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def spring_sums(x, r, system):
     """Force on the satellite, its moment about the satellite's CG, and the moment on the platform; platform axes."""
     springs, active = system.springs, system.active
@@ -92,7 +93,7 @@ def spring_sums(x, r, system):
     return fx, fy, fz, sx, sy, sz, px, py, pz
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def derivative(t, x, k, row, system):
     """Write the time derivative of the state x at time t into k[row, :]."""
     c, gravity = system.c, system.gravity
@@ -115,11 +116,11 @@ def derivative(t, x, k, row, system):
             p[2] * ex + p[5] * ey + p[8] * ez,
         )
         squared = ex * ex + ey * ey + ez * ez
-        rate = c[38] / (squared * squared**0.5)
+        rate = c[38] / (squared * math.sqrt(squared))
         gx, gy, gz = differential_gravity(rate, ex, ey, ez, x[0], x[1], x[2])
         ax, ay, az = ax + gx, ay + gy, az + gz
         if gravity == 2:
-            inverse = 1.0 / squared**0.5
+            inverse = 1.0 / math.sqrt(squared)
             nx, ny, nz = ex * inverse, ey * inverse, ez * inverse
             mx, my, mz = times(c, 1, nx, ny, nz)
             mx, my, mz = gradient_torque(rate, nx, ny, nz, mx, my, mz)
@@ -150,9 +151,11 @@ def derivative(t, x, k, row, system):
     k[row, 19] = 0.5 * (w * o1z + u * o1y - v * o1x)
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def seat_motion(x, k, row, system, i):
-    """Stroke of spring i, its rate, and its acceleration up to the terms of second order in the rates (for prediction)."""
+    """Stroke of spring i, its rate, and its acceleration up to the terms of second order in the rates (for
+    prediction).
+    """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[12], x[13], x[14], x[15])
     u, v, w = system.springs[i, 3], system.springs[i, 4], system.springs[i, 5]
     qx, qy, qz = (

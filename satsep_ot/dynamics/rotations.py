@@ -90,8 +90,9 @@ def quaternion_from_euler_angles(roll, pitch, yaw):
 def euler_angles(quaternion):
     """The 3-2-1 Euler angles (roll, pitch, yaw) [rad] of a quaternion; at pitch = +-90 deg roll is reported as 0."""
     matrix = rotation_matrix(quaternion)
-    pitch = math.asin(min(1.0, max(-1.0, -matrix[2, 0])))
-    if abs(matrix[2, 0]) > 1.0 - 1e-14:
+    across = math.hypot(matrix[0, 0], matrix[1, 0])
+    pitch = math.atan2(-matrix[2, 0], across)
+    if across < 1e-12:
         # Roll and yaw turn about the same axis there: only their sum or difference exists.
         return 0.0, pitch, math.atan2(-matrix[0, 1], matrix[1, 1])
     return math.atan2(matrix[2, 1], matrix[2, 2]), pitch, math.atan2(matrix[1, 0], matrix[0, 0])

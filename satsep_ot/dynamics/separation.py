@@ -1,8 +1,9 @@
 """A separation: its data, and its simulation from the stowed stack to the last release and out of the recess.
 
-The model is that of Hu et al. (2017), section 2, made well-posed: see `satsep_ot.dynamics.springs` for the force lines and
-`satsep_ot.dynamics.rigid_body` for the equations of motion. A spring starts to push at its delay and is released, once and for all, when its
-stroke reaches min(L, xi): a pusher never pulls. Both instants are located as events; no step crosses them.
+The model is that of Hu et al. (2017), section 2, made well-posed: see `satsep_ot.dynamics.springs` for the force lines
+and `satsep_ot.dynamics.rigid_body` for the equations of motion. A spring starts to push at its delay and is released,
+once and for all, when its stroke reaches min(L, xi): a pusher never pulls. Both instants are located as events; no
+step crosses them.
 """
 
 import enum
@@ -202,7 +203,8 @@ class Separation:
     >>> import numpy as np
     >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
     >>> from satsep_ot.dynamics.simulation import simulate
-    >>> springs = Springs(angle=np.pi * np.array([1, 3, 5, 7]) / 4, radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> angle = np.pi * np.array([1, 3, 5, 7]) / 4
+    >>> springs = Springs(angle, radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
     >>> separation = Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)
     >>> print(f"{simulate(separation).quantity('axial_velocity')[0]:.6f} m/s")
     0.597913 m/s
@@ -245,7 +247,7 @@ class Separation:
             object.__setattr__(self, "envelope", points)
             if self.recess_points().size == 0:
                 raise ValueError(
-                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m; there is no clearance to ask for"
+                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m; give one that does"
                 )
         problem = invalid_parameter(self, self.parameters())
         if problem:
@@ -322,8 +324,8 @@ def invalid_parameter(separation, parameters):
     stowed = parameters[STOWED]
     if separation.force_line == ForceLine.STRUT and stowed <= 0.0:
         return (
-            f"stowed_length = {stowed} m; a strut needs a positive one, since one whose seats coincide has no direction "
-            "and buckles"
+            f"stowed_length = {stowed} m; a strut needs a positive one, since with coinciding seats it has no "
+            "direction and buckles"
         )
     if separation.force_line == ForceLine.GUIDED and stowed != 0.0:
         return f"stowed_length = {stowed} m; a guided spring has 0 (only struts have a stowed length)"

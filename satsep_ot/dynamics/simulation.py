@@ -1,23 +1,24 @@
 """Simulate many separations at once: `simulate` for their outcomes, `trajectory` for one over time."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit, prange
 
-from satsep_ot.dynamics.compilation import OPTIONS
+from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
 from satsep_ot.dynamics.integration import STAGES, Work
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.rigid_body import CONSTANT_SIZE, GRAVITY, GRAVITY_WITH_TORQUE, NO_GRAVITY, STATE_SIZE, System
 from satsep_ot.dynamics.rotations import rotation_matrix
+from satsep_ot.dynamics.sensitivities import G_SPRING_SIZE, G_SPRINGS, LANES, Adjoint, adjoint_sweep
 from satsep_ot.dynamics.separation import Separation, Status, invalid_parameter
 from satsep_ot.dynamics.springs import SPRING_COLUMNS
 
 CHUNK = 64  # runs that share their working arrays; the result of a run does not depend on it
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def work_space(spring_number, points, stop_number):
     """The working arrays of a chunk of runs."""
     point_number = points.shape[0]
@@ -39,6 +40,7 @@ def work_space(spring_number, points, stop_number):
             np.zeros(point_number, np.int64),
             np.zeros(point_number, np.int64),
             np.zeros(point_number),
+            np.zeros(point_number, np.int64),
             np.zeros((point_number, STATE_SIZE)),
             np.zeros(point_number),
             np.zeros(STATE_SIZE),
@@ -48,9 +50,12 @@ def work_space(spring_number, points, stop_number):
     )
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def collect(status, last, tape, follow, base):
-    """Write what the quantities are made of: state and time at the last release, smallest clearance, clearances at exit."""
+    """Write what the quantities are made of:
+
+    state and time at the last release, smallest clearance, clearances at exit.
+    """
     if status != 0:
         base[:] = np.nan
         return
@@ -62,44 +67,97 @@ def collect(status, last, tape, follow, base):
         base[STATE_SIZE + 2 + i] = follow.clearance[i]
 
 
-@njit(parallel=True, **OPTIONS)
-def run_all(
-    parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, base, release_time, status, steps
-):
-    """Every row of `parameters`, in parallel over chunks of rows."""
-    count = parameters.shape[0]
-    for chunk in prange((count + CHUNK - 1) // CHUNK):
-        c, springs, active, pending, work, tape, follow, stop_x = work_space(release_time.shape[1], points, 0)
-        for row in range(chunk * CHUNK, min(count, (chunk + 1) * CHUNK)):
-            system = System(parameters[row], c, springs, active, points, force_line, gravity)
-            code, number, last = run(
-                orbit,
-                attitude,
-                np.empty(0),
-                horizon,
-                tolerance,
-                system,
-                pending,
-                work,
-                tape,
-                follow,
-                release_time[row],
-                stop_x,
-            )
-            status[row], steps[row] = code, number
-            collect(code, last, tape, follow, base[row])
+@njit(**KERNEL)
+def run_chunk(
+    first, end, parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, stops,
+    base, release_time, status, steps, states,
+):  # fmt: skip
+    """Rows first to end - 1 of `parameters`, one after the other."""
+    c, springs, active, pending, work, tape, follow, stop_x = work_space(release_time.shape[1], points, stops.shape[0])
+    for row in range(first, end):
+        system = System(parameters[row], c, springs, active, points, force_line, gravity)
+        code, number, last = run(
+            orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time[row], stop_x
+        )
+        status[row], steps[row] = code, number
+        collect(code, last, tape, follow, base[row])
+        for i in range(stops.shape[0]):
+            for n in range(STATE_SIZE):
+                states[row, i, n] = stop_x[i, n] if code == 0 else np.nan
 
 
-@njit(**OPTIONS)
-def run_one(parameters, orbit, attitude, points, stops, force_line, gravity, horizon, tolerance, spring_number):
-    """One run with the states at the times asked for and at the steps."""
-    c, springs, active, pending, work, tape, follow, stop_x = work_space(spring_number, points, stops.shape[0])
-    release_time = np.zeros(spring_number)
-    system = System(parameters, c, springs, active, points, force_line, gravity)
-    code, number, last = run(
-        orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time, stop_x
+@njit(**KERNEL)
+def run_chunk_with_gradients(
+    first, end, parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
+    base, release_time, status, steps, gradients,
+):  # fmt: skip
+    """As `run_chunk`, with the gradients (n, len(columns), P) of columns of the base
+
+    their number is a multiple of LANES.
+    """
+    spring_number, stops = release_time.shape[1], np.empty(0)
+    c, springs, active, pending, work, tape, follow, stop_x = work_space(spring_number, points, 0)
+    adjoint = Adjoint(
+        np.zeros((STATE_SIZE, LANES)),
+        np.zeros((STATE_SIZE, LANES)),
+        np.zeros((1, LANES)),
+        np.zeros((STATE_SIZE, LANES)),
+        np.zeros((STAGES, STATE_SIZE, LANES)),
+        np.zeros((18, LANES)),
+        np.zeros((18, LANES)),
+        np.zeros((G_SPRINGS + G_SPRING_SIZE * spring_number + 8, LANES)),
     )
-    return code, tape.x[: number + 1], tape.t[: number + 1], last, release_time, stop_x[: stops.shape[0]]
+    for row in range(first, end):
+        system = System(parameters[row], c, springs, active, points, force_line, gravity)
+        code, number, last = run(
+            orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time[row], stop_x
+        )
+        status[row], steps[row] = code, number
+        collect(code, last, tape, follow, base[row])
+        for block in range(0, columns.shape[0], LANES):
+            if code == 0:
+                adjoint_sweep(columns, block, last, system, work, tape, follow, adjoint, gradients[row])
+            else:
+                gradients[row, block : block + LANES] = np.nan
+
+
+def _entry_points(source_digest):
+    """The compiled batch runs, kept on disk under keys that contain the digest of the sources."""
+
+    @njit(parallel=True, cache=True, **OPTIONS)
+    def run_all(
+        parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, stops,
+        base, release_time, status, steps, states,
+    ):  # fmt: skip
+        """Every row of `parameters`, in parallel over chunks of rows."""
+        digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
+        count = parameters.shape[0]
+        for chunk in prange((count + CHUNK - 1) // CHUNK):
+            run_chunk(
+                chunk * CHUNK, min(count, (chunk + 1) * CHUNK),
+                parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, stops,
+                base, release_time, status, steps, states,
+            )  # fmt: skip
+
+    @njit(parallel=True, cache=True, **OPTIONS)
+    def run_all_with_gradients(
+        parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
+        base, release_time, status, steps, gradients,
+    ):  # fmt: skip
+        """Every row of `parameters` with gradients, in parallel over chunks of rows."""
+        digest = source_digest  # noqa: F841
+        count = parameters.shape[0]
+        for chunk in prange((count + CHUNK - 1) // CHUNK):
+            run_chunk_with_gradients(
+                chunk * CHUNK, min(count, (chunk + 1) * CHUNK),
+                parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
+                base, release_time, status, steps, gradients,
+            )  # fmt: skip
+
+    return run_all, run_all_with_gradients
+
+
+run_all, run_all_with_gradients = _entry_points(SOURCE_DIGEST)
 
 
 @dataclass(frozen=True)
@@ -119,6 +177,9 @@ class Outcome:
         A `Status` for each run.
     steps : ndarray of int, shape (n,)
         Integration steps taken.
+    gradients : ndarray, shape (n, B, P), or None
+        Exact derivatives of the base with respect to the parameters, where they were asked for; 0 in columns that were
+        not.
     """
 
     separation: Separation
@@ -127,10 +188,16 @@ class Outcome:
     release_times: np.ndarray
     status: np.ndarray
     steps: np.ndarray
+    gradients: np.ndarray | None = None
 
     def quantity(self, name):
         """The quantity of that name for every run, shape (n,), in its own unit."""
         return quantity_table(self.separation)[name].value(self.base)
+
+    def quantity_gradient(self, name):
+        """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base."""
+        quantity = quantity_table(self.separation)[name]
+        return np.einsum("nc,ncp->np", quantity.gradient(self.base), self.gradients[:, list(quantity.columns)])
 
     def explain(self, row):
         """One sentence on how run `row` ended; for invalid parameters it names the first and its value."""
@@ -184,16 +251,77 @@ def simulate(separation, parameters=None, tolerance=1e-8):
     ValueError
         If the shape or the tolerance is not allowed.
     """
+    outcome, _ = _simulate(separation, parameters, np.empty(0), tolerance)
+    return outcome
+
+
+def simulate_with_gradients(separation, parameters=None, quantities=None, tolerance=1e-8):
+    """Simulate n separations with the exact derivatives of quantities with respect to all parameters.
+
+    They go through every located event (a release moves with the inputs, an exit too), by the reverse mode. A quantity
+    has no derivative where the smallest clearance jumps to another point or time, or where a norm is 0; simultaneous
+    releases do no harm.
+
+    Parameters
+    ----------
+    separation, parameters, tolerance : as in `simulate`
+    quantities : list of str, optional
+        The quantities whose gradients are wanted, by default all.
+
+    Returns
+    -------
+    outcome : Outcome
+        With `gradients`, and `quantity_gradient` for those quantities.
+
+    Raises
+    ------
+    ValueError
+        If an argument is not allowed.
+    """
+    table = quantity_table(separation)
+    unknown = set(quantities or ()) - set(table)
+    if unknown:
+        raise ValueError(f"quantities: {sorted(unknown)} is unknown; {sorted(table)} are allowed")
+    wanted = sorted({column for name in quantities or table for column in table[name].columns})
+    outcome, arguments = _prepare_outcome(separation, parameters)
+    columns = np.full(-(-len(wanted) // LANES) * LANES, -1, np.int64)
+    columns[: len(wanted)] = wanted
+    rows = outcome.parameters
+    gradients = np.empty((len(rows), len(columns), rows.shape[1]))
+    run_all_with_gradients(
+        *arguments, check_tolerance(tolerance), columns,
+        outcome.base, outcome.release_times, outcome.status, outcome.steps, gradients,
+    )  # fmt: skip
+    full = np.zeros((len(rows), outcome.base.shape[1], rows.shape[1]))
+    full[:, wanted] = gradients[:, : len(wanted)]
+    return replace(outcome, gradients=full)
+
+
+def _prepare_outcome(separation, parameters):
+    """Room for the outcome of n runs, and the arguments of the kernels up to the horizon."""
     rows = parameter_rows(separation, parameters)
     points = np.ascontiguousarray(separation.recess_points())
-    n, spring_number = len(rows), len(separation.springs)
-    base = np.empty((n, STATE_SIZE + 2 + len(points)))
-    release_times, status, steps = np.empty((n, spring_number)), np.empty(n, np.int64), np.empty(n, np.int64)
-    run_all(
-        rows, separation.platform_orbit(), separation.attitude, points, int(separation.force_line),
-        gravity_level(separation), float(separation.horizon), check_tolerance(tolerance), base, release_times, status, steps,
+    n = len(rows)
+    outcome = Outcome(
+        separation, rows, np.empty((n, STATE_SIZE + 2 + len(points))), np.empty((n, len(separation.springs))),
+        np.empty(n, np.int64), np.empty(n, np.int64),
     )  # fmt: skip
-    return Outcome(separation, rows, base, release_times, status, steps)
+    arguments = (
+        rows, separation.platform_orbit(), separation.attitude, points, int(separation.force_line),
+        gravity_level(separation), float(separation.horizon),
+    )  # fmt: skip
+    return outcome, arguments
+
+
+def _simulate(separation, parameters, stops, tolerance):
+    """The outcome, and the states at the times `stops` (n, S, 20)."""
+    outcome, arguments = _prepare_outcome(separation, parameters)
+    states = np.empty((len(outcome.parameters), len(stops), STATE_SIZE))
+    run_all(
+        *arguments, check_tolerance(tolerance), stops,
+        outcome.base, outcome.release_times, outcome.status, outcome.steps, states,
+    )  # fmt: skip
+    return outcome, states
 
 
 @dataclass(frozen=True)
@@ -241,13 +369,12 @@ def trajectory(separation, times, parameters=None, tolerance=1e-8):
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) < 0.0).any() or (times < 0.0).any():
         raise ValueError("times: finite, ascending times that are not negative are allowed")
-    rows = parameter_rows(separation, parameters)
-    code, states, _, last, release_times, at_times = run_one(
-        rows[0], separation.platform_orbit(), separation.attitude, np.ascontiguousarray(separation.recess_points()), times,
-        int(separation.force_line), gravity_level(separation), float(separation.horizon), check_tolerance(tolerance),
-        len(separation.springs),
-    )  # fmt: skip
-    return Trajectory(Status(code), times, at_times, release_times, states[last].copy())
+    outcome, states = _simulate(
+        separation, None if parameters is None else np.atleast_2d(parameters)[:1], times, tolerance
+    )
+    return Trajectory(
+        Status(outcome.status[0]), times, states[0], outcome.release_times[0], outcome.base[0, :STATE_SIZE].copy()
+    )
 
 
 def inertial_motion(states):

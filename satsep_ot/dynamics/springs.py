@@ -1,8 +1,8 @@
 """Separation springs: where they act, how hard they push, and the reverse-mode derivative of that.
 
-A force line says along which direction a spring pushes and where. Every force line gives, from the vector `delta` between
-the two seats (platform axes), a stroke `s` and a unit vector; the force on the satellite is K (xi - s) along it, applied
-at the satellite's seat, and its opposite acts on the platform at the same point, so momentum is exact.
+A force line says along which direction a spring pushes and where. Every force line gives, from the vector `delta`
+between the two seats (platform axes), a stroke `s` and a unit vector; the force on the satellite is K (xi - s) along
+it, applied at the satellite's seat, and its opposite acts on the platform at the same point, so momentum is exact.
 
 * GUIDED: along the guide, n fixed in the platform; s = delta . n. It derives from V = K (xi - s)^2 / 2.
 * STRUT: along the line between ball ends, which start the stowed length l_0 > 0 apart; s = |delta| - l_0.
@@ -16,7 +16,7 @@ import math
 
 from numba import njit
 
-from satsep_ot.dynamics.compilation import OPTIONS
+from satsep_ot.dynamics.compilation import KERNEL
 
 
 class ForceLine(enum.IntEnum):
@@ -35,9 +35,9 @@ STIFFNESS, DEFORMATION, RELEASE_STROKE, DELAY = 9, 10, 11, 12
 SPRING_COLUMNS = 13
 
 
-@njit(**OPTIONS)
+@njit(**KERNEL)
 def push_direction(system, i, px, py, pz):
-    """Stroke and unit force direction (platform axes) of spring i whose satellite seat is at p from the platform's CG."""
+    """Stroke and unit force direction (platform axes) of spring i, its satellite seat at p from the platform's CG."""
     spring, stowed_length = system.springs, system.c[37]
     ex, ey, ez = px - spring[i, 0], py - spring[i, 1], pz - spring[i, 2]
     if system.force_line == GUIDED:
