@@ -12,8 +12,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.linalg import solve_triangular
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 _LOG_2PI = math.log(2.0 * math.pi)
 # Share of the pool that is drawn from the standard normal itself, and from the widened mixture: they bound the weights.
@@ -26,6 +25,11 @@ _LEARNING_POINTS = 8000
 def normalLogDensity(y: np.ndarray) -> np.ndarray:
     """Logarithm of the standard normal density of the rows of y."""
     return -0.5 * (y**2).sum(axis=1) - 0.5 * y.shape[1] * _LOG_2PI
+
+
+def _logSumExp(logs):
+    largest = logs.max(axis=1)
+    return largest + np.log(np.exp(logs - largest[:, None]).sum(axis=1))
 
 
 class GaussianMixture:
@@ -51,20 +55,20 @@ class GaussianMixture:
         self.weights = weights
         self.means = means
         self.factors = np.linalg.cholesky(covariances)
+        self._inverses = np.linalg.inv(self.factors)
 
     def logComponents(self, y: np.ndarray) -> np.ndarray:
         """Logarithms of weight times density, (n, K)."""
         columns = []
-        for weight, mean, factor in zip(self.weights, self.means, self.factors, strict=True):
-            z = solve_triangular(factor, (y - mean).T, lower=True, check_finite=False)
-            columns.append(
-                math.log(weight) - 0.5 * (z**2).sum(axis=0) - np.log(np.diag(factor)).sum() - 0.5 * len(mean) * _LOG_2PI
-            )
+        for weight, mean, factor, inverse in zip(self.weights, self.means, self.factors, self._inverses, strict=True):
+            z = (y - mean) @ inverse.T
+            constant = math.log(weight) - np.log(np.diag(factor)).sum() - 0.5 * len(mean) * _LOG_2PI
+            columns.append(constant - 0.5 * np.einsum("ij,ij->i", z, z))
         return np.column_stack(columns)
 
     def logDensity(self, y: np.ndarray) -> np.ndarray:
         """Logarithm of the density, (n,)."""
-        return logsumexp(self.logComponents(y), axis=1)
+        return _logSumExp(self.logComponents(y))
 
     def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
         """Independent points, (size, k)."""
@@ -106,7 +110,7 @@ def fitGaussianMixture(
     mixture = GaussianMixture(np.full(count, 1.0 / count), points[chosen], np.repeat(spread[None] / 4.0, count, axis=0))
     for _ in range(iterations):
         logs = mixture.logComponents(points)
-        responsibility = np.exp(logs - logsumexp(logs, axis=1, keepdims=True))
+        responsibility = np.exp(logs - _logSumExp(logs)[:, None])
         totals = responsibility.sum(axis=0)
         kept = totals > 2.0 * (k + 1)
         responsibility, totals = responsibility[:, kept], totals[kept]

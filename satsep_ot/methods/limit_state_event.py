@@ -7,6 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import openturns as ot
 
+from satsep_ot.methods.standard_space import StandardSpace
+
 NON_FINITE_POLICIES = ("raise", "failure", "safe")
 
 
@@ -77,7 +79,7 @@ def eventKind(event) -> str:
     name = event.getClassName()
     if name != "RandomVector":
         return name
-    return repr(event).split("implementation=class=")[1].split()[0]
+    return repr(event).split("implementation=class=")[1].split()[0].removesuffix("Implementation")
 
 
 def thresholdMargin(operator, threshold: float) -> Callable:
@@ -113,23 +115,6 @@ def _intervalMargin(domain: ot.Interval) -> Callable:
 def callFunction(function: ot.Function, points: np.ndarray) -> np.ndarray:
     """An OpenTURNS function at points (n, d), as a new array (n, p)."""
     return np.array(function(ot.Sample(points)), dtype=float)
-
-
-def _checkDistribution(distribution: ot.Distribution) -> None:
-    if not distribution.isContinuous():
-        raise ValueError(
-            "the distribution of the inputs has a discrete part, so it has no smooth map to the standard normal space; "
-            "condition on the values of the discrete inputs"
-        )
-    if distribution.hasIndependentCopula() is False and "StudentCopula" in repr(distribution):
-        raise ValueError("a Student copula has no map to independent standard normal variables; use another copula")
-    standard = distribution.getStandardDistribution()
-    normal = standard.getImplementation().getClassName() == "Normal"
-    if not normal or not standard.hasIndependentCopula():
-        raise ValueError(
-            f"the standard space of the inputs is {standard.getImplementation().getClassName()}, not independent "
-            "standard normal variables; use another distribution or a normal, Archimedean or independent copula"
-        )
 
 
 class LimitStateEvent:
@@ -184,10 +169,9 @@ class LimitStateEvent:
         self.nonFiniteNumber = 0
         kind = eventKind(event)
         limit = Limit.of(event)
-        self.distribution = limit.vector.getDistribution()
-        _checkDistribution(self.distribution)
-        self.dimension = self.distribution.getDimension()
-        self.inverse = self.distribution.getInverseIsoProbabilisticTransformation()
+        self.space = StandardSpace(limit.vector.getDistribution())
+        self.distribution = self.space.getDistribution()
+        self.dimension = self.space.getDimension()
         if function is None:
             self.function = limit.function
             self._margin = limit.margin
@@ -239,11 +223,7 @@ class LimitStateEvent:
 
     def evaluate(self, u: np.ndarray) -> Runs:
         """One true run at each point (n, d) of standard space."""
-        x = callFunction(self.inverse, u)
-        return self.evaluatePhysical(x, u)
-
-    def evaluatePhysical(self, x: np.ndarray, u: np.ndarray) -> Runs:
-        """One true run at each physical point x (n, d), which is u in standard space."""
+        x = self.space.toPhysical(u)
         outputs = callFunction(self.function, x)
         margins = np.full(len(outputs), np.nan)
         failed = np.zeros(len(outputs), dtype=bool)

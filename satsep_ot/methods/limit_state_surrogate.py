@@ -9,11 +9,15 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import openturns as ot
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2
 
+from satsep_ot.methods.active_variables import activeTransformation
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, number_of_terms
+from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.methods.ridge_approximation import fit_ridge
+from satsep_ot.methods.standard_space import StandardSpace
 
 # An error is never taken to be smaller than this share of a component's own spread: a polynomial that passes through
 # the data is not known to be the truth elsewhere.
@@ -105,6 +109,7 @@ class LimitStateSurrogate:
         maximumDegree: int = 4,
     ):
         self.margin = margin
+        self._training = u, values, weights
         self.inputs = u.shape[1]
         fits = []
         for index, column in enumerate(values.T):
@@ -183,6 +188,28 @@ class LimitStateSurrogate:
             largest = max(largest, float(scale[rows].max()))
         # A composition that is flat here would give 0: the composed value is then certain to rounding.
         return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))
+
+    def nativeFunction(self, space: StandardSpace) -> ot.Function:
+        """The components as functions of the physical inputs, native to OpenTURNS, with exact derivatives."""
+        if self.radial:
+            raise ValueError("the surrogate depends on the inactive radius, for which there is no native function")
+        u, values, weights = self._training
+        functions = []
+        for fit, column in zip(self.components, values.T, strict=True):
+            if fit.model.dimension == 0:
+                constant = [float(fit.polynomial.coefficients[0])]
+                functions.append(ot.LinearFunction([0.0] * self.inputs, constant, ot.Matrix(1, self.inputs)))
+                continue
+            active = ot.Sample(u @ fit.directions)
+            regression = MultivariatePolynomialRegression(
+                active, ot.Sample(column[:, None]), ot.Normal(fit.model.dimension)
+            )
+            regression.setDegree(fit.model.degree)
+            regression.setWeights(weights)
+            regression.run()
+            transformation = activeTransformation(space, fit.directions)
+            functions.append(ot.ComposedFunction(regression.getResult().getMetaModel(), transformation))
+        return ot.AggregatedFunction(functions)
 
 
 def _basisFit(variables, column, weights, degree):

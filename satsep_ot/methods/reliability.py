@@ -1,0 +1,546 @@
+"""Probability of failure by polynomial ridges of smooth components, corrected by true runs."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import openturns as ot
+from scipy.special import ndtr
+
+from satsep_ot.methods.importance_proposal import Pool, fitImportantRegion
+from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs
+from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
+from satsep_ot.methods.reliability_result import (
+    ActiveSubspaceReliabilityResult,
+    Block,
+    Estimate,
+    clopperPearson,
+    diagnose,
+)
+from satsep_ot.methods.subset_simulation import runSubsetSimulation
+
+__all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
+
+_MODES = ("fast", "safe")
+# Stop needs this many true failures and blocks beside the target coefficient of variation.
+_MINIMUM_FAILURES = 60
+_MINIMUM_BLOCKS = 3
+# Learning goes on while a block of runs is expected to save more runs than it costs.
+_MAXIMUM_LEARNING_SHARE = 0.4
+_POOL_SIZE = 40_000
+_POOL_SIZE_SCALAR = 200_000
+
+
+class _Stopped(Exception):
+    """The stop callback asked to end."""
+
+
+@dataclasses.dataclass
+class _Proposal:
+    """Where the next true runs go, and what the surrogate says there."""
+
+    pool: Pool
+    failure: np.ndarray
+    probability: float
+    poolVariance: float
+    selection: np.ndarray
+
+    def runVariance(self) -> float:
+        """Expected variance that one true run adds to the correction."""
+        weights = self.pool.weights / (len(self.selection) * np.maximum(self.selection, 1e-300))
+        return float((self.selection * weights**2 * self.failure * (1.0 - self.failure)).sum())
+
+    def failureShare(self) -> float:
+        """Expected share of failures among the true runs."""
+        return float((self.selection * self.failure).sum())
+
+
+class ActiveSubspaceReliability:
+    """Probability of an event: surrogate on active subspaces, corrected by true runs to an unbiased estimate.
+
+    Each smooth component becomes a polynomial of one to three directions of the standard normal space, found without
+    gradients. The probability that the surrogate with its error fails is integrated; true runs, drawn where the
+    surrogate is unsure and where it fails, correct it: ``p = E[pi(Y)] + E[w (1_F - pi)]``, which is unbiased whatever
+    the surrogate is, since every block of runs is new to the surrogate that proposed it. Relatives: metamodel-based
+    importance sampling (Dubourg, Sudret and Deheeger, Probabilistic Engineering Mechanics 33, 2013) and multifidelity
+    importance sampling (Peherstorfer et al., Computer Methods in Applied Mechanics and Engineering 300, 2016).
+
+    Where the surrogate promises less than subset simulation does with the same runs, the algorithm hands over to it.
+
+    Parameters
+    ----------
+    event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
+        Inputs are continuous with an iso-probabilistic transformation to independent standard normal variables.
+
+    Notes
+    -----
+    A failure region that neither the surrogate nor a true run has pointed at is not in the estimate nor in its
+    interval: the diagnostic ``unseen bound`` says how much probability such a region may have. The stopping rule looks at
+    the data, which the requirement of 60 failures and 3 blocks keeps harmless.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.reliability import ActiveSubspaceReliability
+    >>> ot.RandomGenerator.SetSeed(0)
+    >>> function = ot.SymbolicFunction(["a", "b", "c"], ["exp(0.2 * a + 0.1 * b) + 0.01 * c"])
+    >>> vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(3)))
+    >>> algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 2.0))
+    >>> algorithm.run()
+    >>> result = algorithm.getResult()
+    >>> interval = result.getConfidenceInterval(0.95)
+    >>> result.getConverged(), interval.getLowerBound()[0] < 9.7e-4 < interval.getUpperBound()[0]
+    (True, True)
+    """
+
+    def __init__(self, event):
+        self._event = event
+        self._components = (None, None, None, None)
+        self._targetCoefficientOfVariation = 0.05
+        self._maximumEvaluations = 5000
+        self._mode = "fast"
+        self._nonFinitePolicy = "raise"
+        self._progressCallback = None
+        self._stopCallback = None
+        self._result = None
+        self._phases: dict[str, int] = {}
+        self._runs: list[Runs] = []
+
+    def __repr__(self):
+        return (
+            f"ActiveSubspaceReliability(mode={self._mode}, "
+            f"targetCoefficientOfVariation={self._targetCoefficientOfVariation}, "
+            f"maximumEvaluations={self._maximumEvaluations})"
+        )
+
+    def setComponents(
+        self,
+        function: ot.Function,
+        composition: ot.Function,
+        smoothIndices: Sequence[int] | None = None,
+        surrogateComposition: ot.Function | None = None,
+    ) -> None:
+        """Give the smooth outputs that the event's variable is composed of: a norm, a maximum, a minimum.
+
+        Parameters
+        ----------
+        function : :py:class:`openturns.Function`
+            Inputs to p outputs; one true run is one evaluation of it.
+        composition : :py:class:`openturns.Function`
+            The p outputs to the variable that the event compares with its threshold.
+        smoothIndices : sequence of int, optional
+            Outputs that get a surrogate. By default all.
+        surrogateComposition : :py:class:`openturns.Function`, optional
+            Composition of the smooth outputs alone. By default ``composition``.
+        """
+        self._components = (function, composition, smoothIndices, surrogateComposition)
+
+    def setTargetCoefficientOfVariation(self, value: float) -> None:
+        """Stop at this coefficient of variation of the estimate (default 0.05)."""
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"the target coefficient of variation is {value}; it must be positive")
+        self._targetCoefficientOfVariation = float(value)
+
+    def getTargetCoefficientOfVariation(self) -> float:
+        """Accessor to the target coefficient of variation."""
+        return self._targetCoefficientOfVariation
+
+    def setMaximumEvaluations(self, value: int) -> None:
+        """Largest number of true runs, all phases together (default 5000)."""
+        if int(value) != value or value < 1:
+            raise ValueError(f"the maximum number of evaluations is {value}; it must be a positive integer")
+        self._maximumEvaluations = int(value)
+
+    def getMaximumEvaluations(self) -> int:
+        """Accessor to the largest number of true runs."""
+        return self._maximumEvaluations
+
+    def setMode(self, mode: str) -> None:
+        """``"fast"`` (default) learns from normal points; ``"safe"`` starts from a short subset simulation as well.
+
+        The safe mode spends a third of the evaluations on it: its failed points show regions that a smooth surrogate
+        of normal points misses, and its estimate is an independent check.
+        """
+        if mode not in _MODES:
+            raise ValueError(f"the mode is {mode!r}; give one of {_MODES}")
+        self._mode = mode
+
+    def getMode(self) -> str:
+        """Accessor to the mode."""
+        return self._mode
+
+    def setNonFinitePolicy(self, policy: str) -> None:
+        """What a run with a non-finite output is: ``"raise"`` an error (default), a ``"failure"`` or ``"safe"``."""
+        if policy not in NON_FINITE_POLICIES:
+            raise ValueError(f"the policy for non-finite outputs is {policy!r}; give one of {NON_FINITE_POLICIES}")
+        self._nonFinitePolicy = policy
+
+    def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
+        """Called after each block of runs with the percentage of the evaluation limit that is used."""
+        self._progressCallback = callback
+
+    def setStopCallback(self, callback: Callable[[], bool] | None) -> None:
+        """Called after each block; when it returns True the run ends with what was reached."""
+        self._stopCallback = callback
+
+    def getResult(self) -> ActiveSubspaceReliabilityResult:
+        """Accessor to the result of `run`."""
+        if self._result is None:
+            raise RuntimeError("there is no result yet; call run() first")
+        return self._result
+
+    def getRuns(self) -> tuple[ot.Sample, ot.Sample]:
+        """Inputs and outputs of all true runs so far, also of a run() that an error ended."""
+        if not self._runs:
+            raise RuntimeError("there are no true runs yet; call run() first")
+        runs = Runs.concatenate(self._runs)
+        return ot.Sample(runs.x), ot.Sample(runs.outputs)
+
+    # The phases. -----------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Compute the probability.
+
+        Raises
+        ------
+        ValueError
+            The evaluation limit is too small, an output is not finite, the composition is not the event's variable.
+        RuntimeError
+            The function failed; the message says in which phase and how many runs are kept (`getRuns`).
+        """
+        self._result = None
+        self._runs = []
+        self._phases = {}
+        self._limitState = LimitStateEvent(self._event, *self._components, nonFinitePolicy=self._nonFinitePolicy)
+        self._generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
+        self._blockSize = max(40, self._limitState.dimension)
+        self._blocks: list[Block] = []
+        self._history: list[tuple[float, float, float, float]] = []
+        self._initial = None
+        self._subset = None
+        self._surrogate = None
+        self._calibration = 1.0
+        self._observedCalibration = 1.0
+        initialSize = 2 * (self._limitState.dimension + 2)
+        smallest = initialSize + (_MINIMUM_BLOCKS + 1) * self._blockSize
+        if self._maximumEvaluations < smallest:
+            raise ValueError(
+                f"the maximum number of evaluations is {self._maximumEvaluations}; with {self._limitState.dimension} "
+                f"inputs at least {smallest} are needed"
+            )
+        try:
+            self._runPhases(initialSize)
+        except _Stopped:
+            self._finish(False, "stopped by the stop callback")
+
+    def _runPhases(self, initialSize):
+        dimension = self._limitState.dimension
+        self._initial = self._evaluate(self._generator.standard_normal((initialSize, dimension)), "learning")
+        self._checkComposition(self._initial)
+        margins = self._initial.margins[self._initial.finite]
+        if len(margins) == 0 or np.ptp(margins) == 0.0:
+            self._finishFromNominalRuns(True, "the event's variable is constant in all runs, so nothing can be learnt")
+            return
+        self._nominalSpread = float(margins.std())
+        if self._mode == "safe":
+            self._subset = runSubsetSimulation(
+                lambda u: self._evaluate(u, "subset"), dimension, self._maximumEvaluations // 3, self._generator
+            )
+        proposal = self._learn()
+        if proposal is None:
+            self._handOver("the surrogate shows no failure region")
+        else:
+            self._estimate(proposal)
+
+    def _learn(self) -> _Proposal | None:
+        """Fit, propose, run, refit: until more learning does not pay."""
+        limit = _MAXIMUM_LEARNING_SHARE * self._maximumEvaluations + self._phases.get("subset", 0)
+        # Quartics through the first normal points would invent failures far out.
+        self._fit(reselect=True, maximumDegree=2 if self._mode == "fast" else 4)
+        proposal = self._propose(learning=True)
+        best, idle, earlier = math.inf, 0, 0.0
+        while True:
+            size = self._blockSize
+            u = self._drawWide(size) if proposal is None else self._drawRuns(proposal, size)[0]
+            runs = self._evaluate(u, "learning")
+            trusted = self._calibrate(runs)
+            self._fit(reselect=True)
+            exhausted = self._used() + self._blockSize > limit
+            proposal = self._propose(learning=False)
+            if proposal is None:
+                if exhausted:
+                    return None
+                continue
+            needed = self._runsNeeded(proposal)
+            idle = idle + 1 if best - needed < self._blockSize else 0
+            best = min(best, needed)
+            enough = needed <= self._runsForFailures(proposal) or idle >= 2
+            # A refit that moves the surrogate's probability has not been tested by runs that it had not seen.
+            stable = abs(proposal.probability - earlier) < 0.15 * proposal.probability
+            earlier = proposal.probability
+            if exhausted or (trusted and stable and enough):
+                return proposal
+            proposal = self._propose(learning=True)
+
+    def _estimate(self, proposal: _Proposal) -> None:
+        """Unbiased blocks, each new to the surrogate that proposed it, until the target is reached."""
+        target = self._targetCoefficientOfVariation
+        while True:
+            remaining = self._maximumEvaluations - self._used()
+            if not self._blocks and self._subsetIsBetter(proposal, remaining):
+                self._handOver("the surrogate explains too little of the limit state: no usable active subspace")
+                return
+            needed = max(self._runsNeeded(proposal), self._runsForFailures(proposal))
+            done = sum(block.size for block in self._blocks)
+            missing = _MINIMUM_BLOCKS - len(self._blocks)
+            size = max(needed / _MINIMUM_BLOCKS if missing > 0 else needed - done, self._blockSize)
+            size = int(min(size, 10 * self._blockSize, remaining / max(missing, 1)))
+            if size < 2:
+                self._finish(False, f"the maximum number of evaluations, {self._maximumEvaluations}, was reached")
+                return
+            u, chosen, weights = self._drawRuns(proposal, size)
+            runs = self._evaluate(u, "estimation")
+            failure = proposal.failure[chosen]
+            self._blocks.append(
+                Block(
+                    proposal.probability,
+                    proposal.poolVariance,
+                    weights * (runs.failed - failure),
+                    weights**2 * failure * (1.0 - failure),
+                    weights,
+                    runs,
+                )
+            )
+            estimate = Estimate(self._blocks)
+            self._history.append((float(self._used()), estimate.probability, *estimate.interval(0.95)))
+            if (
+                estimate.coefficientOfVariation() <= target
+                and estimate.failures >= _MINIMUM_FAILURES
+                and len(self._blocks) >= _MINIMUM_BLOCKS
+            ):
+                self._finish(True, f"the target coefficient of variation, {target}, was reached")
+                return
+            self._calibrate(runs)
+            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
+            # The earlier proposal stays valid where the new surrogate shows no failure region.
+            proposal = self._propose(learning=False) or proposal
+
+    # Their steps. ----------------------------------------------------------------------------------------------------
+
+    def _used(self):
+        return sum(self._phases.values())
+
+    def _evaluate(self, u, phase):
+        """True runs at u, recorded; the callbacks are served afterwards."""
+        try:
+            runs = self._limitState.evaluate(u)
+        except ValueError:
+            raise
+        except Exception as error:
+            raise RuntimeError(
+                f"the function failed in the phase {phase!r} after {self._used()} runs, which getRuns() still has: "
+                f"{error}"
+            ) from error
+        self._runs.append(runs)
+        self._phases[phase] = self._phases.get(phase, 0) + len(runs)
+        if self._progressCallback is not None:
+            self._progressCallback(100.0 * self._used() / self._maximumEvaluations)
+        if self._stopCallback is not None and self._stopCallback():
+            raise _Stopped
+        return runs
+
+    def _checkComposition(self, runs):
+        if runs.finite.any():
+            row = int(np.argmax(runs.finite))
+            checked = self._limitState.checkComposition(runs.x[row], runs.margins[row])
+            if checked:
+                self._phases["composition check"] = checked
+
+    def _fit(self, reselect, maximumDegree=4):
+        runs = Runs.concatenate(self._runs)
+        kept = runs.finite
+        margins = runs.margins[kept]
+        # Near the limit the fit counts most; the width follows the runs towards it.
+        width = max(float(np.median(np.abs(margins))), 0.2 * self._nominalSpread)
+        self._weightWidth = width
+        if reselect:
+            self._selectedAt = self._used()
+        self._surrogate = LimitStateSurrogate(
+            runs.u[kept],
+            self._limitState.smooth(runs.outputs[kept]),
+            self._limitState.surrogateMargin,
+            1.0 / (1.0 + (margins / width) ** 2),
+            self._surrogate,
+            reselect,
+            maximumDegree=maximumDegree,
+        )
+        self._surrogate.errors = self._surrogate.errors * self._calibration
+
+    def _calibrate(self, runs):
+        """Compare the errors of prediction of new runs with what the surrogate expected, component by component.
+
+        Returns
+        -------
+        trusted : bool
+            Whether the surrogate knew the size of its errors and was wrong in no label that it was sure of.
+        """
+        kept = runs.finite
+        y = self._surrogate.reduce(runs.u[kept])
+        predicted = self._surrogate.predict(y)
+        standardised = (self._limitState.smooth(runs.outputs[kept]) - predicted) / self._surrogate.errors
+        weight = 1.0 / (1.0 + (runs.margins[kept] / self._weightWidth) ** 2)
+        squared = weight @ standardised**2
+        total = weight.sum()
+        self._observedCalibration = float(np.sqrt(squared.mean() / max(total, 1e-300)))
+        # Ten runs' worth of belief in the present scale; the refit learns from these runs, so half of the correction
+        # (in logarithm) remains.
+        factor = np.sqrt((10.0 + squared) / (10.0 + total))
+        self._calibration = np.clip(self._calibration * factor, 0.25, 100.0) ** 0.5
+        value, scale = self._surrogate.limitState(y)
+        wrong = np.abs(runs.failed[kept] - ndtr(-value / scale)) > 0.999
+        return bool(factor.max() < 1.5) and not wrong.any()
+
+    def _propose(self, learning) -> _Proposal | None:
+        """Where to run next; None where the surrogate shows no failure region."""
+        surrogate, generator = self._surrogate, self._generator
+        k = surrogate.dimension()
+        if k == 0:
+            return None
+        mixture = fitImportantRegion(lambda y: surrogate.limitState(y, exact=False), k, generator)
+        if mixture is None:
+            return None
+        size = _POOL_SIZE_SCALAR if len(surrogate.components) == 1 else _POOL_SIZE
+        pool = Pool.draw(mixture, size, generator)
+        value, scale = surrogate.limitState(pool.points)
+        failure = ndtr(-value / scale)
+        probability, variance = pool.expectation(failure)
+        if not probability > 0.0:
+            return None
+
+        def band(width):
+            share = ndtr(-value / (width * scale))
+            return np.sqrt(share * (1.0 - share))
+
+        nominal = np.ones(size)
+        if learning:
+            shares = [(0.15, nominal), (0.15, failure), (0.35, band(4.0)), (0.35, band(12.0))]
+        else:
+            shares = [(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, band(4.0)), (0.15, band(12.0))]
+        return _Proposal(pool, failure, probability, variance, pool.selection(shares))
+
+    def _drawRuns(self, proposal, size):
+        """Points of standard space, their positions in the pool and their weights."""
+        chosen, weights = proposal.pool.select(proposal.selection, size, self._generator)
+        return self._surrogate.expand(proposal.pool.points[chosen], self._generator), chosen, weights
+
+    def _drawWide(self, size):
+        """Normal points of twice the spread in the active directions, for a surrogate that shows no failure."""
+        u = self._generator.standard_normal((size, self._limitState.dimension))
+        active = self._surrogate.directions
+        return u + (u @ active) @ active.T
+
+    def _runsNeeded(self, proposal):
+        """Runs of this proposal to the target, as far as the surrogate knows."""
+        allowed = (self._targetCoefficientOfVariation * proposal.probability) ** 2 - proposal.poolVariance
+        return proposal.runVariance() / allowed if allowed > 0.0 else math.inf
+
+    def _runsForFailures(self, proposal):
+        return _MINIMUM_FAILURES / max(proposal.failureShare(), 0.05)
+
+    def _subsetIsBetter(self, proposal, remaining):
+        """Whether subset simulation would be more exact with the remaining runs, by its usual error (Au and Beck)."""
+        ours = math.sqrt(proposal.runVariance() / max(remaining, 1)) / proposal.probability
+        levels = max(-math.log10(min(proposal.probability, 0.1)), 1.0)
+        subset = levels * math.sqrt(9.0 * 3.0 * levels / max(remaining, 1)) ** 1.0
+        return ours > max(subset, self._targetCoefficientOfVariation)
+
+    # Ways to end. ----------------------------------------------------------------------------------------------------
+
+    def _finish(self, converged, reason):
+        if not self._blocks:
+            self._finishFromNominalRuns(False, reason)
+            return
+        estimate = Estimate(self._blocks)
+        nominal = len(self._initial) + 0.1 * estimate.size
+        diagnostics = diagnose(self._blocks, self._observedCalibration, nominal, self._limitState.nonFiniteNumber)
+        if self._subset is not None:
+            diagnostics["subset simulation"] = self._subset.probability
+        self._store(
+            max(estimate.probability, 0.0),
+            estimate.variance,
+            estimate.interval,
+            estimate.surrogateProbability,
+            diagnostics,
+            converged,
+            reason,
+            "ActiveSubspace",
+        )
+
+    def _finishFromNominalRuns(self, converged, reason):
+        """The first, normal runs are a small Monte Carlo sample: what is left where nothing else is."""
+        runs = self._initial if self._initial is not None else Runs.concatenate(self._runs)
+        failures, size = int(runs.failed.sum()), len(runs)
+        share = failures / size
+        self._store(
+            share,
+            share * (1.0 - share) / size,
+            lambda level: clopperPearson(failures, size, level),
+            None,
+            {
+                "true failures": float(failures),
+                "unseen bound": 3.0 / size,
+                "not finite": float(self._limitState.nonFiniteNumber),
+            },
+            converged,
+            f"{reason}; the estimate is from the first {size} runs, drawn as by Monte Carlo",
+            "MonteCarlo",
+        )
+
+    def _handOver(self, why):
+        """Subset simulation with the runs that are left."""
+        remaining = self._maximumEvaluations - self._used()
+        subset = runSubsetSimulation(
+            lambda u: self._evaluate(u, "subset simulation"), self._limitState.dimension, remaining, self._generator
+        )
+        variation = subset.coefficientOfVariation
+        reason = f"handed over to subset simulation: {why}"
+        if math.isinf(variation):
+            reason += (
+                f"; it found no failure before the evaluations ended, at a level of probability {subset.upperBound:.1e}"
+            )
+
+        def interval(level):
+            if math.isinf(variation):
+                return 0.0, clopperPearson(0, len(self._initial), level)[1]
+            width = -ot.DistFunc.qNormal(0.5 - 0.5 * level) * math.sqrt(math.log1p(variation**2))
+            return subset.probability * math.exp(-width), min(subset.probability * math.exp(width), 1.0)
+
+        self._store(
+            subset.probability,
+            (variation * subset.probability) ** 2 if subset.probability > 0.0 else 0.0,
+            interval,
+            None,
+            {"true failures": float(subset.runs.failed.sum()), "not finite": float(self._limitState.nonFiniteNumber)},
+            variation <= self._targetCoefficientOfVariation,
+            reason,
+            "SubsetSimulation",
+        )
+
+    def _store(self, probability, variance, interval, surrogateProbability, diagnostics, converged, reason, method):
+        self._result = ActiveSubspaceReliabilityResult(
+            self._event,
+            probability,
+            variance,
+            interval,
+            surrogateProbability,
+            dict(self._phases),
+            diagnostics,
+            converged,
+            reason,
+            method,
+            self._surrogate,
+            self._limitState,
+            Runs.concatenate(self._runs),
+            list(self._history),
+        )
