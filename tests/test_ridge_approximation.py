@@ -232,3 +232,11 @@ class TestRidgeApproximation:
         outputs[4] = np.nan
         with pytest.raises(ValueError, match="first is row 4"):
             RidgeApproximation(inputs, outputs, self.distribution)
+
+
+def test_fewer_points_than_unknowns_end_without_warning(random):
+    points = random.standard_normal((40, 50))
+    fit = fit_ridge(points, np.sin(points[:, 0]) + points[:, 1], 2, 3)
+    assert np.isfinite(fit.predict(points)).all()
+    assert fit.directions.shape == (50, 2)
+    np.testing.assert_allclose(fit.directions.T @ fit.directions, np.eye(2), atol=1e-12)

@@ -115,11 +115,10 @@ def starting_directions(points, values, dimension, weights=None):
     d = points.shape[1]
     y = (y - np.average(y, axis=0, weights=s**2 if s.any() else None)) * s[:, None]
     inner = u @ u.T
-    # Feature map (1, u, u u^T / 2 ...) through its kernel, so that the cost does not grow with d^2 terms.
-    kernel = (1.0 + inner + 0.5 * (inner - d / 3.0) ** 2 / d) * s[:, None] * s
+    # The kernel of the features (1, u, u u^T / sqrt(2 d)): its cost does not grow with their number d^2.
+    kernel = (1.0 + inner + 0.5 * inner**2 / d) * s[:, None] * s
     kernel[np.diag_indices_from(kernel)] += 1e-3 * np.trace(kernel) / len(kernel)
     dual = linalg.solve(kernel, y, assume_a="pos") * s[:, None]
-    covariance = np.zeros((d, d))
     linear = np.zeros((d, d))
     curved = np.zeros((d, d))
     for output in range(y.shape[1]):
@@ -127,8 +126,7 @@ def starting_directions(points, values, dimension, weights=None):
         hessian = (u.T * dual[:, output]) @ u / d
         linear += np.outer(slope, slope)
         curved += hessian @ hessian
-    covariance = linear + curved
-    _, vectors = linalg.eigh(covariance)
+    _, vectors = linalg.eigh(linear + curved)
     candidates = [vectors[:, ::-1][:, :dimension]]
     # The slopes come first, curvature fills what they leave; then curvature alone.
     _, slopes = linalg.eigh(linear)
@@ -210,13 +208,20 @@ class _VariableProjection:
                 converged = True
                 break
             accepted = False
+            length = promised = np.inf
             for _ in range(12):
                 damped = matrix + damping * spread * np.eye(len(matrix))
-                step = -linalg.solve(damped, gradient, assume_a="pos", check_finite=False)
+                try:
+                    step = -linalg.cho_solve(linalg.cho_factor(damped, check_finite=False), gradient)
+                except linalg.LinAlgError:
+                    # Fewer points than unknowns: definite only with more damping.
+                    damping = max(8.0 * damping, 1e-10)
+                    continue
                 move = complement @ step.reshape(directions.shape[1], -1).T
                 trial = linalg.qr(directions + move, mode="economic")[0]
                 trial_loss, trial_state = self.loss(trial)
                 length = linalg.norm(step)
+                promised = -step @ gradient
                 if trial_loss <= loss:
                     accepted = True
                     break
@@ -224,8 +229,8 @@ class _VariableProjection:
                     break
                 damping *= 8.0
             if not accepted:
-                # No descent along a step this small: the loss is flat to rounding here.
-                converged = True
+                # No descent: converged where what the model promised is below the rounding of the loss.
+                converged = length < tolerance or promised <= 1e-10 * loss
                 break
             drop = loss - trial_loss
             directions, loss, state = trial, trial_loss, trial_state
