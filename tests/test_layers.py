@@ -15,7 +15,7 @@ ALLOWED = {
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
-    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "difflib", "enum", "functools", "importlib",
+    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "difflib", "enum", "functools", "hashlib", "importlib",
     "io", "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time", "tomllib", "types", "typing",
     "warnings",
 }  # fmt: skip

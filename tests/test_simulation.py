@@ -126,6 +126,13 @@ def test_delay_of_all_springs_shifts_everything():
     np.testing.assert_allclose(outcome.base[0, 3:12], reference.base[0, 3:12], atol=1e-9)
 
 
+@pytest.mark.parametrize("delays", [(1.001e-3, 1e-3, 1e-3, 1e-3), (1e-4, 0.0, 0.0, 0.0), (1e-12, 0.0, 1e-15, 0.0)])
+def test_releases_that_nearly_coincide(delays):
+    outcome = simulate(symmetric_separation(springs=Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, delay=delays)))
+    assert outcome.status[0] == Status.OK
+    assert (np.diff(np.sort(outcome.release_times[0])) >= 0.0).all()
+
+
 def test_equal_cants_spin_up_the_satellite():
     """All guides tilted towards increasing angle push the satellite that way, a turn about -y
 

@@ -399,7 +399,7 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
             attempt = 0
             while True:
                 attempt += 1
-                if attempt > 40 or (h < 1e-14 and h < limit):
+                if attempt > 40:
                     return STEP_UNDERFLOW, step, last
                 method = FOURTH_ORDER if h <= short else EIGHTH_ORDER
                 stages(method, t, x, h, work, system)
