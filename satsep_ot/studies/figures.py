@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from scipy.fft import irfft, rfft
 
 from satsep_ot.dynamics.rotations import rotation_matrix
@@ -64,11 +64,15 @@ def _label(name, unit):
     return f"{name} [{unit}]" if unit else name
 
 
+def _grouped(unit):
+    return f"({unit})" if "/" in unit else unit
+
+
 def _panels(count, columns=None, size=PANEL_SIZE):
     """A figure with `count` panels and their axes, row by row; no empty panel is left."""
     if count < 1:
         raise ValueError("a figure needs at least one panel, and there is nothing to draw")
-    columns = columns or min(count, 2 if count <= 4 else 3)
+    columns = columns or (count if count < 4 else 2 if count == 4 else 3 if count in (5, 6, 9) else 4)
     rows = math.ceil(count / columns)
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
@@ -123,8 +127,8 @@ def draw_eigenvalues(result, ax=None, label="", unit="", level=0.95, largest=10)
     lower, upper = np.array(interval.getLowerBound()), np.array(interval.getUpperBound())
     # A logarithmic axis has no place for the zeros of a constant function and of directions without gradients.
     count = min(largest, int((values > 0.0).sum()))
-    unit = f" [({unit})²]" if unit else ""
-    _dress(ax, "index of the eigenvalue", f"eigenvalue{unit}", label.replace("_", " "))
+    squared = f" [{_grouped(unit)}²]" if unit else ""
+    _dress(ax, "index of the eigenvalue", f"eigenvalue{squared}", label.replace("_", " "))
     if count == 0:
         ax.text(0.5, 0.5, "all eigenvalues are 0", transform=ax.transAxes, ha="center", fontsize=FONT_SIZE)
         return ax
@@ -348,7 +352,7 @@ def draw_density(
     sample = np.asarray(sample, dtype=float).reshape(-1)
     if not (len(sample) > 1 and np.isfinite(sample).all() and np.ptp(sample) > 0.0):
         raise ValueError(f"a density needs at least two different finite values; {len(sample)} are given")
-    _dress(ax, _label(label, unit), f"probability density [1/({unit})]" if unit else "probability density")
+    _dress(ax, _label(label, unit), f"probability density [1/{_grouped(unit)}]" if unit else "probability density")
     heights, edges = np.histogram(sample, bins=bins, density=True)
     ax.set_yscale("log")
     # A floor under the sparsest bin, so that its top is seen.
@@ -377,7 +381,7 @@ def draw_density(
     ax.set_xlim(low, high)
     # Room above the curves for the legend.
     ax.set_ylim(floor, top * (top / floor) ** 0.55)
-    ax.legend(fontsize=FONT_SIZE, loc="upper center", ncols=2, columnspacing=1.0, handlelength=1.6)
+    ax.legend(fontsize=FONT_SIZE, loc="upper center", ncols=2, columnspacing=1.0, handlelength=1.6, framealpha=1.0)
     return ax
 
 
@@ -404,13 +408,15 @@ def density_figure(densities):
     return figure
 
 
-def _short(probability):
+def _short(probability, digits=2):
     """A probability in few characters: 0.12, 2.4e-4."""
-    return f"{probability:.2g}" if probability >= 0.01 else f"{probability:.1e}".replace("e-0", "e-")
+    if probability >= 0.01 or probability == 0.0:
+        return f"{probability:.{digits}g}"
+    return f"{probability:.{digits - 1}e}".replace("e-0", "e-")
 
 
 def _runs(row):
-    """The cost of a row in words; at most 13 characters for each of its at most two lines."""
+    """The cost of a row in words, a line each for evaluations and gradients."""
     text = f"{row['evaluations']:,} runs"
     return f"{text}\n{row['gradients']:,} gradients" if row.get("gradients") else text
 
@@ -453,6 +459,10 @@ def draw_probabilities(rows, ax=None, title=""):
     ax.set_xscale("log")
     low, high = _probability_range(rows)
     ax.set_xlim(low, high)
+    # Within a decade or two there may be no power of ten to label.
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _short(value, 1)))
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(range(len(rows)), [row["method"] for row in rows])
     ax.tick_params(axis="y", length=0)
@@ -654,7 +664,7 @@ def draw_rates(motion, ax=None):
     # Rates of a symmetric separation are rounding errors, which are not to fill the panel.
     size = 1.15 * max(np.abs(motion.rates).max(), 0.1)
     ax.set_ylim(-size, size)
-    ax.legend(fontsize=FONT_SIZE, loc="upper left", ncols=3, columnspacing=1.0, handlelength=1.6)
+    ax.legend(fontsize=FONT_SIZE, loc="upper left", ncols=2)
     return ax
 
 
