@@ -209,6 +209,28 @@ class LimitStateEvent:
         """Limit state (n,), at most 0 in failure, of the modelled outputs (n, p)."""
         return self._surrogateMargin(values)
 
+    def dropUnusedOutputs(self, outputs: np.ndarray) -> None:
+        """Do not model outputs whose change by six standard deviations leaves these runs' limit state as it is."""
+        values = self.smooth(outputs)
+        steps = 6.0 * values.std(axis=0)
+        reference = self.surrogateMargin(values)
+        used = []
+        for j, step in enumerate(steps):
+            moved = [values + sign * step * (np.arange(len(steps)) == j) for sign in (-1.0, 1.0)]
+            if any((self.surrogateMargin(shifted) != reference).any() for shifted in moved):
+                used.append(j)
+        if not used or len(used) == len(steps):
+            return
+        full, margin, typical = list(self.smoothIndices), self._surrogateMargin, values.mean(axis=0)
+
+        def reducedMargin(reduced):
+            complete = np.repeat(typical[None], len(reduced), axis=0)
+            complete[:, used] = reduced
+            return margin(complete)
+
+        self.smoothIndices = [full[j] for j in used]
+        self._surrogateMargin = reducedMargin
+
     def checkComposition(self, x: np.ndarray, margin: float) -> int:
         """Compare one run's composed value with the event's own function; returns the evaluations made (0 or 1)."""
         if self._checkValue is None:

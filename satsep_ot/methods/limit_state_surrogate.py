@@ -247,20 +247,23 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
     d = u.shape[1]
     effective = weights.sum() ** 2 / (weights**2).sum()
     best = _fitModel(u, column, weights, RidgeModel(0, 0), None, None)
-    floor = 1e-9 * max(float(np.abs(column).max()), 1e-300)
+    # What is smaller than the smallest error that is believed needs no larger model.
+    floor = 0.5 * _SMALLEST_ERROR * float(column.std())
     for dimension in range(1, min(maximumDimension, d) + 1):
-        for degree in (1, 2, 3, 4):
-            if degree > maximumDegree or (degree == 1 and dimension > 1):
-                continue
+        improved = False
+        for degree in range(1 if dimension == 1 else 2, maximumDegree + 1):
             model = RidgeModel(dimension, degree)
             if model.parameters(d) > 0.75 * effective or best.error <= floor:
-                continue
+                break
             initial = None
             if old is not None and old.model.dimension == dimension and old.model.degree > 1 and degree > 1:
                 initial = old.directions
             fit = _fitModel(u, column, weights, model, None, initial)
             if fit.error < math.sqrt(_PARSIMONY) * best.error:
-                best = fit
+                best, improved = fit, True
+        # A second direction may show where the first one does not (an even function), a third one after both.
+        if dimension >= 2 and not improved:
+            break
     return best
 
 

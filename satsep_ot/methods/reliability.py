@@ -76,8 +76,8 @@ class ActiveSubspaceReliability:
     Notes
     -----
     A failure region that neither the surrogate nor a true run has pointed at is not in the estimate nor in its
-    interval: the diagnostic ``unseen bound`` says how much probability such a region may have. The stopping rule looks at
-    the data, which the requirement of 60 failures and 3 blocks keeps harmless.
+    interval: the diagnostic ``unseen bound`` says how much probability such a region may have. The stopping rule looks
+    at the data, which the requirement of 60 failures and 3 blocks keeps harmless.
 
     Examples
     --------
@@ -243,6 +243,7 @@ class ActiveSubspaceReliability:
             self._finishFromNominalRuns(True, "the event's variable is constant in all runs, so nothing can be learnt")
             return
         self._nominalSpread = float(margins.std())
+        self._limitState.dropUnusedOutputs(self._initial.outputs[self._initial.finite])
         if self._mode == "safe":
             self._subset = runSubsetSimulation(
                 lambda u: self._evaluate(u, "subset"), dimension, self._maximumEvaluations // 3, self._generator
