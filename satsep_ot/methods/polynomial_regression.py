@@ -427,8 +427,7 @@ class MultivariatePolynomialRegressionResult:
 
     def getCoefficientsCovariance(self, output=0):
         """Covariance of the coefficients of one output, :py:class:`openturns.CovarianceMatrix` (P, P)."""
-        inverse = np.linalg.inv(self._fit._factor)
-        return ot.CovarianceMatrix(self.getNoiseVariance()[output] * (inverse @ inverse.T))
+        return ot.CovarianceMatrix(self.getNoiseVariance()[output] * self._fit.relative_covariance())
 
     def getCoefficientsInterval(self, level=0.95, output=0):
         """Student intervals of the coefficients of one output, :py:class:`openturns.Interval` (P)."""
