@@ -662,8 +662,9 @@ def draw_rates(motion, ax=None):
                 markevery=(20 * k, 60), label=f"about {axis}")  # fmt: skip
     _mark_releases(motion, ax)
     # Rates of a symmetric separation are rounding errors, which are not to fill the panel.
-    size = 1.15 * max(np.abs(motion.rates).max(), 0.1)
-    ax.set_ylim(-size, size)
+    low, high = min(motion.rates.min(), -0.1), max(motion.rates.max(), 0.1)
+    # Room for the legend above the lines.
+    ax.set_ylim(low - 0.05 * (high - low), high + 0.35 * (high - low))
     ax.legend(fontsize=FONT_SIZE, loc="upper left", ncols=2)
     return ax
 
