@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 from satsep_ot import __version__
@@ -122,7 +123,18 @@ def _parser():
         "--methods", nargs="+", choices=METHODS, default=list(METHODS), metavar="METHOD",
         help=f"which methods to run (default: all): {', '.join(METHODS)}",
     )  # fmt: skip
+    study.add_argument(
+        "--runs", type=_positive, default=1_000_000, metavar="N",
+        help="runs of the Monte Carlo sample, which all requirements share (default: 1000000)",
+    )  # fmt: skip
     return parser
+
+
+def _positive(text):
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text} is not a positive whole number")
+    return value
 
 
 def _seed(text):
@@ -202,9 +214,78 @@ def _study(options):
 
     # A case that cannot be used is refused before the study's libraries are loaded.
     case = load_uncertain_case(options.case)
-    from satsep_ot.studies import separation_study
+    if options.output.exists() and not options.output.is_dir():
+        return _fail(f"{options.output} is not a directory; give another --output", 2)
+    from satsep_ot.model.separation_problem import SeparationProblem
+    from satsep_ot.studies.separation_study import SeparationStudy
 
-    return separation_study.main(case, options.output, options.seed, options.methods)
+    study = SeparationStudy(SeparationProblem(case), options.methods, options.seed, options.runs)
+    with _progress() as show:
+        study.setProgressCallback(show)
+        study.run()
+        show("figures", 0.97)
+        paths = study.save(options.output)
+        show("done", 1.0)
+    console = _console()
+    console.print(_study_table(case.name, study.getRows()))
+    for remark in study.getRemarks():
+        console.print(f"[bold]![/bold] {_plain(remark)}")
+    console.print(f"\nwritten to {_plain(str(options.output))}: {', '.join(path.name for path in paths)}")
+    return 0
+
+
+@contextmanager
+def _progress():
+    """A function that shows what is being done and which share of all is done: a bar, or lines off a terminal."""
+    if not sys.stderr.isatty():
+        shown = []
+
+        def show_line(label, share):
+            if shown[-1:] != [label]:
+                shown.append(label)
+                print(f"{100.0 * share:3.0f} %  {label}", file=sys.stderr, flush=True)
+
+        yield show_line
+        return
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("remaining"), TimeRemainingColumn(),
+        TextColumn("{task.description}"),
+    )  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda label, share: bar.update(task, description=label, completed=share)
+
+
+def _study_table(name, rows):
+    table = _table(
+        f"Probability of violating a requirement: {_plain(name)}", "requirement", "method", ">probability",
+        ">95 % interval", ">evaluations", ">gradients", ">seconds", "remark",
+    )  # fmt: skip
+    for row in rows:
+        first = row["method"] == rows[0]["method"]
+        probability, lower = row["probability"], row["lower95"]
+        table.add_row(
+            _plain(row["requirement"]) if first else "",
+            row["method"],
+            "none" if probability is None else f"{probability:.3e}",
+            "" if lower is None else f"{lower:.2e} .. {row['upper95']:.2e}",
+            f"{row['evaluations']:,}",
+            f"{row['gradients']:,}",
+            f"{row['seconds']:.1f}",
+            _plain(("" if row["converged"] else "not converged: ") + row["note"]),
+            end_section=row["method"] == rows[-1]["method"],
+        )
+    return table
 
 
 def _nominal_run(case):

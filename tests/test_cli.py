@@ -130,7 +130,8 @@ def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["fly"], ["check"], ["study", "--seed", "-1"], ["study", "--methods", "Guess"]]
+    "arguments",
+    [[], ["fly"], ["check"], ["study", "--seed", "-1"], ["study", "--runs", "0"], ["study", "--methods", "Guess"]],
 )
 def test_wrong_arguments(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
@@ -155,32 +156,44 @@ def test_version(capsys):
     assert capsys.readouterr().out == f"satsep-ot {satsep_ot.__version__}\n"
 
 
-def test_study_arguments_arrive(monkeypatch, tmp_path):
-    import satsep_ot.studies
-
-    seen = {}
-
-    class Study:
-        @staticmethod
-        def main(case, output, seed, methods):
-            seen.update(case=case.name, output=str(output), seed=seed, methods=methods)
-            return 0
-
-    monkeypatch.setattr(satsep_ot.studies, "separation_study", Study, raising=False)
-    scatter = '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.01 }\n'
-    arguments = [
-        "study",
-        small(tmp_path, scatter),
-        "--output",
-        "here",
-        "--seed",
-        "7",
-        "--methods",
-        "FORM",
-        "MonteCarlo",
+def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
+    """Two cheap methods on a small case: a table, results.json with the documented keys, and figures."""
+    scatter = (
+        '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.05 }\n'
+        'rate_y = { quantity = "initial.rates.y", sigma = 0.4 }\n'
+        '[[requirements]]\nname = "rolling"\nquantity = "spin"\nmaximum = 1.0\n'
+    )
+    output = tmp_path / "results"
+    arguments = ["study", small(tmp_path, scatter), "--output", str(output), "--seed", "7"]
+    assert cli.main([*arguments, "--runs", "20000", "--methods", "FORM", "MonteCarlo"]) == 0
+    captured = capsys.readouterr()
+    # The limit of +-2.5 standard deviations has two sides, of which FORM sees one.
+    assert "rolling: FORM gives 6.21e-03, 2." in captured.out
+    assert "times too low" in captured.out
+    assert "20,000 Monte Carlo runs" in captured.err
+    results = json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert results["case"] == "small"
+    assert results["seed"] == 7
+    assert [(row["requirement"], row["method"]) for row in results["rows"]] == [
+        (requirement, method) for requirement in ("rolling", "any requirement") for method in ("FORM", "MonteCarlo")
     ]
-    assert cli.main(arguments) == 0
-    assert seen == {"case": "small", "output": "here", "seed": 7, "methods": ["FORM", "MonteCarlo"]}
+    assert list(results["rows"][0]) == [
+        "requirement", "method", "probability", "lower95", "upper95", "coefficient_of_variation", "evaluations",
+        "gradients", "seconds", "converged", "note",
+    ]  # fmt: skip
+    figures = {path.name for path in output.iterdir()} - {"results.json"}
+    assert figures == {
+        "separation.png", "eigenvalues.png", "sufficient_summary.png", "densities.png", "probabilities.png",
+    }  # fmt: skip
+
+
+def test_study_refuses_a_file_as_its_directory(tmp_path, capsys):
+    scatter = (
+        '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.01 }\n'
+        '[[requirements]]\nname = "speed"\nquantity = "axial_velocity"\nminimum = 0.1\n'
+    )
+    path = small(tmp_path, scatter)
+    assert "is not a directory" in refused(["study", path, "--output", path], capsys)
 
 
 def test_interruption_has_its_exit_code(monkeypatch, capsys):
