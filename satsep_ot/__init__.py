@@ -26,7 +26,7 @@ _HOMES = {
     "load_case": "model.case",
 }
 
-__all__ = ["__version__", *_HOMES]  # noqa: PLE0604 the names are known, not written out again
+__all__ = ["__version__", *_HOMES]
 
 
 def __getattr__(name):
