@@ -18,7 +18,6 @@ _LOG_2PI = math.log(2.0 * math.pi)
 # Share of the pool that is drawn from the standard normal itself, and from the widened mixture: they bound the weights.
 _NOMINAL_SHARE = 0.1
 _WIDE_SHARE = 0.15
-_COMPONENTS = 6
 _LEARNING_POINTS = 8000
 
 
@@ -94,20 +93,24 @@ class GaussianMixture:
 
 
 def fitGaussianMixture(
-    points: np.ndarray, generator: np.random.Generator, components: int = _COMPONENTS, iterations: int = 20
+    points: np.ndarray, generator: np.random.Generator, components: int | None = None, iterations: int = 20
 ) -> GaussianMixture:
     """Expectation-maximisation for equally weighted points (n, k); components that lose their points are dropped."""
     n, k = points.shape
-    spread = np.atleast_2d(np.cov(points.T)) + 1e-6 * np.eye(k)
-    whitened = np.linalg.solve(np.linalg.cholesky(spread), points.T).T
-    # Start from points far from each other (k-means++), so that each mode receives a component.
-    chosen = [int(generator.integers(n))]
-    distance = ((whitened - whitened[chosen[0]]) ** 2).sum(axis=1)
-    while len(chosen) < components and distance.sum() > 0.0:
-        chosen.append(int(generator.choice(n, p=distance / distance.sum())))
-        distance = np.minimum(distance, ((whitened - whitened[chosen[-1]]) ** 2).sum(axis=1))
-    count = len(chosen)
-    mixture = GaussianMixture(np.full(count, 1.0 / count), points[chosen], np.repeat(spread[None] / 4.0, count, axis=0))
+    if components is None:
+        components = min(max(6, 2 + k), 12)
+    # Start from points far from each other (k-means++), moved to the centres of their clusters, so that each mode
+    # receives a component.
+    centres = points[[int(generator.integers(n))]]
+    distance = ((points - centres[0]) ** 2).sum(axis=1)
+    while len(centres) < components and distance.sum() > 0.0:
+        centres = np.vstack([centres, points[generator.choice(n, p=distance / distance.sum())]])
+        distance = np.minimum(distance, ((points - centres[-1]) ** 2).sum(axis=1))
+    for _ in range(10):
+        nearest = np.argmin((centres**2).sum(axis=1) - 2.0 * points @ centres.T, axis=1)
+        centres = np.array([points[nearest == j].mean(axis=0) for j in range(len(centres)) if (nearest == j).any()])
+    count = len(centres)
+    mixture = GaussianMixture(np.full(count, 1.0 / count), centres, np.repeat(np.eye(k)[None], count, axis=0))
     for _ in range(iterations):
         logs = mixture.logComponents(points)
         responsibility = np.exp(logs - _logSumExp(logs)[:, None])
@@ -119,10 +122,11 @@ def fitGaussianMixture(
         for index, mean in enumerate(means):
             centred = points - mean
             covariances[index] = (centred.T * responsibility[:, index]) @ centred
-            # A few pseudo-observations of the overall spread keep the matrix definite and not too narrow.
-            covariances[index] += 0.05 * (k + 1) * spread
-            covariances[index] /= totals[index] + 0.05 * (k + 1)
-            covariances[index] += 1e-6 * np.eye(k)
+            # Pseudo-observations of the standard normal, which is what most directions of a failure region follow:
+            # without them the noise of many covariances makes the weights degenerate.
+            prior = 0.02 * (k + 1) ** 2
+            covariances[index] += prior * np.eye(k)
+            covariances[index] /= totals[index] + prior
         mixture = GaussianMixture(totals / totals.sum(), means, covariances)
     return mixture
 
@@ -152,21 +156,26 @@ def fitImportantRegion(
     """
     mixture = GaussianMixture(np.ones(1), np.zeros((1, dimension)), np.eye(dimension)[None])
     smoothing = math.inf
-    for _ in range(maximumLevels):
-        y = mixture.sample(_LEARNING_POINTS, generator)
+    last = False
+    for level in range(maximumLevels):
+        # The closing level takes more points: those of large weight show the modes that the mixture lacks.
+        closing = last
+        y = mixture.sample(3 * _LEARNING_POINTS if closing else _LEARNING_POINTS, generator)
         value, scale = limitState(y)
         logWeight = normalLogDensity(y) - mixture.logDensity(y)
+        earlier, smoothing = smoothing, _nextSmoothing(logWeight, value, scale, smoothing)
+        # Where the mixture cannot follow the region any closer, what it reaches must do.
+        last = smoothing == 0.0 or smoothing > 0.9 * earlier or level >= maximumLevels - 2
         # The uncertain band is part of the target: it is widened to twice the scale.
-        smoothing = _nextSmoothing(logWeight, value, scale, smoothing)
-        logTarget = logWeight + log_ndtr(-value / np.maximum(smoothing, 2.0 * scale))
+        logTarget = logWeight + log_ndtr(-value / np.maximum(0.0 if last else smoothing, 2.0 * scale))
         weight = np.exp(logTarget - logTarget.max())
-        if weight.sum() ** 2 / (weight**2).sum() < 2.0 * (dimension + 2):
+        if weight.sum() ** 2 / (weight**2).sum() < 4.0 * (dimension + 2):
             return None
         chosen = generator.choice(len(y), size=4000, p=weight / weight.sum())
         mixture = fitGaussianMixture(y[chosen], generator).withDefence()
-        if smoothing == 0.0:
-            return mixture
-    return None
+        if closing:
+            break
+    return mixture
 
 
 def _nextSmoothing(logWeight, value, scale, largest):

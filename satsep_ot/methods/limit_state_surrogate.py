@@ -270,6 +270,8 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
 def _withRadius(u, column, weights, fit, radius):
     """The same subspace with the inactive radius as one more variable, where that predicts clearly better."""
     best = fit
+    if fit.error <= 0.5 * _SMALLEST_ERROR * float(column.std()):
+        return fit
     for degree in (2, 4):
         model = RidgeModel(fit.model.dimension, max(degree, min(fit.model.degree, 4)), True)
         if model.parameters(u.shape[1]) > 0.75 * len(column):

@@ -7,7 +7,7 @@ import numpy as np
 import openturns as ot
 from scipy import stats
 
-from satsep_ot.methods.importance_proposal import paretoShape
+from satsep_ot.methods.importance_proposal import Pool, paretoShape
 from satsep_ot.methods.limit_state_event import Runs
 
 
@@ -34,6 +34,8 @@ class Block:
 
     Attributes
     ----------
+    pool : Pool
+        Population that the runs were drawn from.
     surrogateProbability, poolVariance : float
         The surrogate's probability and the variance of its integration.
     corrections : array (n,)
@@ -45,6 +47,7 @@ class Block:
     runs : Runs
     """
 
+    pool: Pool
     surrogateProbability: float
     poolVariance: float
     corrections: np.ndarray
@@ -79,7 +82,10 @@ class Estimate:
         observed = float((centred**2).sum()) * total / max(total - len(blocks), 1.0)
         # Runs that happened to agree with the surrogate do not make it more certain than it said that it was.
         self.variance = max(observed, float(expected.sum())) / total**2
-        self.variance += float(share**2 @ [block.poolVariance for block in blocks])
+        # Blocks of the same pool share its error.
+        for pool in {id(block.pool): block.pool for block in blocks}.values():
+            mine = [index for index, block in enumerate(blocks) if block.pool is pool]
+            self.variance += float(share[mine].sum() ** 2 * blocks[mine[0]].poolVariance)
         # Effective number of runs behind the variance (Satterthwaite): few large corrections make a long-tailed error.
         contributions = corrections**2 + expected
         squares = float((contributions**2).sum())

@@ -1,0 +1,165 @@
+"""ReliabilityComparison: what is counted, what is reported, what an error becomes."""
+
+import math
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.methods import comparison as c
+from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+
+
+@pytest.fixture(autouse=True)
+def _seed():
+    ot.RandomGenerator.SetSeed(0)
+
+
+class Recorder:
+    """A linear limit state that counts its calls in a list: failure above 2.9 standard deviations."""
+
+    def __init__(self, dimension=4, gradient=True, scale=1.0):
+        self.points = [0]
+        self.gradients = [0]
+
+        def evaluate(x):
+            x = np.asarray(x)
+            self.points[0] += len(x)
+            return x.sum(axis=1, keepdims=True) / (scale * math.sqrt(dimension))
+
+        def differentiate(x):
+            self.gradients[0] += 1
+            return np.full((dimension, 1), 1.0 / (scale * math.sqrt(dimension)))
+
+        function = ot.PythonFunction(dimension, 1, func_sample=evaluate, gradient=differentiate if gradient else None)
+        distribution = ot.Normal([0.0] * dimension, [scale] * dimension, ot.CorrelationMatrix(dimension))
+        vector = ot.CompositeRandomVector(function, ot.RandomVector(distribution))
+        self.event = ot.ThresholdEvent(vector, ot.Greater(), 2.9)
+
+
+def run(event, methods, **options):
+    comparison = c.ReliabilityComparison(event, methods)
+    for name, value in options.items():
+        getattr(comparison, f"set{name}")(*value) if name == "Components" else getattr(comparison, f"set{name}")(value)
+    comparison.run()
+    return comparison.getResult()
+
+
+METHODS = [
+    c.ActiveSubspace(),
+    c.FORM(),
+    c.SORM(),
+    c.SubsetSampling(1000),
+    c.MonteCarlo(20_000),
+    c.ImportanceSampling(maximumEvaluations=2000),
+    c.DirectionalSampling(maximumDirections=200),
+    c.LineSampling(maximumLines=100),
+]
+TRUTH = ot.DistFunc.pNormal(-2.9)
+
+
+@pytest.mark.parametrize("gradient", [True, False])
+@pytest.mark.parametrize("method", METHODS, ids=lambda method: method.name)
+def test_every_call_is_counted_and_the_answer_is_right(method, gradient):
+    recorder = Recorder(gradient=gradient)
+    row = run(recorder.event, [method]).getRow(method.name)
+    assert (row.evaluations, row.gradients) == (recorder.points[0], recorder.gradients[0])
+    assert row.evaluations > 0
+    assert row.converged, row.note
+    if row.lower95 is None:
+        assert row.probability == pytest.approx(TRUTH, rel=1e-4)
+    else:
+        assert row.lower95 < row.probability < row.upper95
+        assert abs(math.log(row.probability / TRUTH)) < 5.0 * row.coefficient_of_variation
+    if method.name in ("FORM", "SORM"):
+        assert (row.gradients > 0) == gradient
+        assert (row.lower95, row.upper95, row.coefficient_of_variation) == (None, None, None)
+
+
+def test_finite_difference_steps_follow_the_spread_of_the_inputs():
+    # OpenTURNS' own absolute step of 1e-5 spans thousands of these standard deviations.
+    recorder = Recorder(gradient=False, scale=1e-9)
+    assert run(recorder.event, ["FORM"]).getRow("FORM").probability == pytest.approx(TRUTH, rel=1e-3)
+
+
+def test_components_reach_the_active_subspace_and_are_counted():
+    problem = getBenchmarkProblem("FourBranch")
+    row = run(problem.getEvent(), [c.ActiveSubspace()], Components=problem.getComponents()).getRow("ActiveSubspace")
+    assert row.lower95 < problem.getProbability() < row.upper95
+    assert row.evaluations < 2000
+
+
+def test_an_exception_is_a_row_with_its_message_and_the_others_still_run():
+    def explode(x):
+        raise ArithmeticError("spring 3 is broken")
+
+    function = ot.PythonFunction(1, 1, func_sample=explode)
+    event = ot.ThresholdEvent(ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal())), ot.Greater(), 1.0)
+    rows = run(event, None).getRows()
+    assert [row.method for row in rows] == ["ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo"]
+    for row in rows:
+        assert row.probability is None
+        assert not row.converged
+        assert "spring 3 is broken" in row.note
+
+
+def test_no_failure_in_monte_carlo_has_an_interval_and_no_variation():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
+    row = run(ot.ThresholdEvent(vector, ot.Greater(), 30.0), [c.MonteCarlo(1000)]).getRows()[0]
+    assert (row.probability, row.lower95, row.coefficient_of_variation) == (0.0, 0.0, None)
+    assert row.upper95 == pytest.approx(3e-3, rel=0.01)
+
+
+def test_a_value_that_is_not_a_number_is_an_error_of_monte_carlo():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "sqrt(x)"), ot.RandomVector(ot.Normal()))
+    row = run(ot.ThresholdEvent(vector, ot.Greater(), 1.0), [c.MonteCarlo(100)]).getRows()[0]
+    assert row.probability is None
+    assert row.note
+
+
+def test_batch_evaluation_serves_monte_carlo_and_is_counted():
+    recorder = Recorder()
+    row = run(recorder.event, [c.MonteCarlo(100_000)], BatchEvaluation=lambda x: x.sum(axis=1) / 2.0).getRows()[0]
+    assert (row.evaluations, recorder.points[0]) == (100_000, 0)
+    assert row.lower95 < TRUTH < row.upper95
+
+
+def test_union_event_is_compared_by_its_limit_state():
+    x = ot.RandomVector(ot.Normal(2))
+    events = [
+        ot.ThresholdEvent(ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], [f]), x), ot.Greater(), 2.5)
+        for f in ("a", "b")
+    ]
+    rows = run(ot.UnionEvent(events), [c.ActiveSubspace(), c.MonteCarlo(50_000)]).getRows()
+    truth = 1.0 - ot.DistFunc.pNormal(2.5) ** 2
+    for row in rows:
+        assert abs(row.probability - truth) < 4.0 * row.coefficient_of_variation * truth, row
+
+
+def test_callbacks_can_be_lambdas_and_stop_the_run():
+    seen, rows = [], []
+    comparison = c.ReliabilityComparison(Recorder().event, [c.MonteCarlo(1000, blockSize=100), "FORM"])
+    comparison.setProgressCallback(lambda name, percentage: seen.append((name, percentage)))
+    comparison.setRowCallback(lambda row: rows.append(row.method))
+    comparison.setStopCallback(lambda: len(seen) > 3)
+    comparison.run()
+    assert seen[0] == ("MonteCarlo", 0.0)
+    assert rows == ["MonteCarlo"]
+    row = comparison.getResult().getRows()[0]
+    assert row.evaluations < 1000
+    assert not row.converged
+
+
+def test_tables_and_graph_hold_every_row():
+    result = run(Recorder().event, ["FORM", c.MonteCarlo(20_000)])
+    assert result.toCSV().splitlines()[1].startswith("FORM,0.00186")
+    assert len(result.toMarkdown().splitlines()) == 4
+    assert [row["method"] for row in result.getTable()] == ["FORM", "MonteCarlo"]
+    assert len(result.drawProbabilities().getDrawables()) == 3
+    with pytest.raises(ValueError, match="no row"):
+        result.getRow("SORM")
+
+
+def test_unknown_method_is_refused():
+    with pytest.raises(ValueError, match="MonteCarlo"):
+        c.ReliabilityComparison(Recorder().event, ["Magic"])
