@@ -1,6 +1,7 @@
 """Simulate many separations at once: `simulate` for their outcomes, `trajectory` for one over time."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numba import njit, prange
@@ -190,13 +191,17 @@ class Outcome:
     steps: np.ndarray
     gradients: np.ndarray | None = None
 
+    @cached_property
+    def _table(self):
+        return quantity_table(self.separation)
+
     def quantity(self, name):
         """The quantity of that name for every run, shape (n,), in its own unit."""
-        return quantity_table(self.separation)[name].value(self.base)
+        return self._table[name].value(self.base)
 
     def quantity_gradient(self, name):
         """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base."""
-        quantity = quantity_table(self.separation)[name]
+        quantity = self._table[name]
         return np.einsum("nc,ncp->np", quantity.gradient(self.base), self.gradients[:, list(quantity.columns)])
 
     def explain(self, row):
