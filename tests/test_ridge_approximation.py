@@ -7,14 +7,9 @@ import openturns as ot
 import pytest
 
 from satsep_ot.methods.polynomial_basis import fit_polynomial
-from satsep_ot.methods.ridge_approximation import (
-    RidgeApproximation,
-    _VariableProjection,
-    cross_validate_ridge,
-    fit_ridge,
-    orient,
-    subspace_distance,
-)
+from satsep_ot.methods.ridge_approximation import RidgeApproximation
+from satsep_ot.methods.subspace_estimation import orient, subspace_distance
+from satsep_ot.methods.variable_projection import _VariableProjection, cross_validate_ridge, fit_ridge
 
 
 @pytest.fixture

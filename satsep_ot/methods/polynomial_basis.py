@@ -21,7 +21,7 @@ LOST_SLACK = 1e-12
 # Widest panel of the factorisation.
 PANEL_COLUMNS = 32
 
-# The recursive Householder QR of LAPACK 3.4 (Elmroth and Gustavson, 2000): up to twice as fast as dgeqrf on tall designs.
+# The recursive Householder QR of LAPACK 3.4 (Elmroth and Gustavson, 2000), up to twice as fast as dgeqrf.
 _GEQRT, _TRCON, _TRTRS = linalg.get_lapack_funcs(("geqrt", "trcon", "trtrs"), (np.empty((1, 1)),))
 
 
@@ -386,6 +386,7 @@ class PolynomialFit:
     coefficients : ndarray (size,) or (size, p)
     rank : int
         Numerical rank of the weighted design; less than ``basis.size`` means the minimum-norm solution.
+    weights : ndarray (n,) or None
     condition : float
         Condition number of the weighted design (an estimate in the 1-norm unless the rank is deficient).
     """
@@ -397,7 +398,7 @@ class PolynomialFit:
         self.condition = condition
         self._points = points
         self._values = values
-        self._weights = weights
+        self.weights = weights
         # At full rank the upper triangle R of the weighted design (below its diagonal there is something else);
         # otherwise the matrix (size, rank) that turns a basis vector psi into the row psi^T factor of Q.
         self._factor = factor
@@ -430,8 +431,8 @@ class PolynomialFit:
     @functools.cached_property
     def _training_rows(self):
         rows = self.orthonormal_rows(self._points)
-        if self._weights is not None:
-            rows *= np.sqrt(self._weights)[:, None]
+        if self.weights is not None:
+            rows *= np.sqrt(self.weights)[:, None]
         return rows
 
     @functools.cached_property
@@ -443,8 +444,8 @@ class PolynomialFit:
     def noise_variance(self):
         """Weighted residual sum of squares over n - rank, per output (nan when n = rank)."""
         squares = self.residuals**2
-        if self._weights is not None:
-            squares = (squares.T * self._weights).T
+        if self.weights is not None:
+            squares = (squares.T * self.weights).T
         freedom = len(squares) - self.rank
         return squares.sum(axis=0) / freedom if freedom else squares.sum(axis=0) * np.nan
 
@@ -487,7 +488,7 @@ class PolynomialFit:
         errors = np.full_like(self.residuals, np.nan)
         for fold in folds:
             rows = self._training_rows[fold]
-            scale = np.ones(len(fold)) if self._weights is None else np.sqrt(self._weights[fold])
+            scale = np.ones(len(fold)) if self.weights is None else np.sqrt(self.weights[fold])
             shape = (len(fold),) + (1,) * (self.residuals.ndim - 1)
             matrix = np.eye(len(fold)) - rows @ rows.T
             try:

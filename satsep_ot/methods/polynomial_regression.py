@@ -11,6 +11,8 @@ from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
 HUBER_CONSTANT = 1.345
 HUBER_STEPS = 50
+# Minus the mean of the logarithm of a chi-square variable with one degree of freedom.
+LOG_CHI_SQUARE = math.log(2.0) + np.euler_gamma
 HIGHEST_DEGREE = 10
 
 
@@ -458,6 +460,30 @@ class MultivariatePolynomialRegressionResult:
         half = quantile * np.sqrt(self.getPredictionVariance(points, noise))
         mean = self.evaluate(points)
         return mean - half, mean + half
+
+    def computeSpread(self, points):
+        """Standard deviation of the outputs about the polynomial at points (n, d), which may vary: ndarray (n, p).
+
+        Where the inputs are active variables, it is that of g given y. The logarithm of the squared leave-one-out
+        errors is regressed on a quadratic, or on the regression's own degree if that is less (Harvey, Econometrica 44, 1976).
+
+        Raises
+        ------
+        ValueError
+            A point of leverage 1, or fewer points than terms of the quadratic.
+        """
+        errors = self._fit.leave_one_out()
+        if not np.isfinite(errors).all():
+            raise ValueError("A point of leverage 1 has no leave-one-out error: the spread is not known there.")
+        # Errors at rounding level are none.
+        smallest = 1e-15 * np.abs(self._values).max(axis=0) + np.finfo(float).tiny
+        logarithm = 2.0 * np.log(np.maximum(np.abs(errors), smallest)) + LOG_CHI_SQUARE
+        fitted = self._fit.basis
+        degree = min(2, fitted.degree)
+        basis = PolynomialBasis(fitted.dimension, degree, recurrence=fitted.recurrence[:, :degree])
+        weights = self._fit.weights
+        spread = fit_polynomial(basis, self._reduction.apply(self._points), logarithm, weights)
+        return np.exp(0.5 * spread.predict(self._reduction.apply(points)))
 
     def getMean(self):
         """Mean of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""

@@ -1,0 +1,182 @@
+"""How many directions are active: several criteria on the same gradients."""
+
+import math
+
+import numpy as np
+import openturns as ot
+
+from satsep_ot.methods.active_variables import surrogate_degree
+from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.subspace_estimation import estimate_subspace, stacked_rows
+
+# Candidates for the dimension are 0 to this: a surrogate of more active variables is no gain.
+LARGEST_DIMENSION = 10
+# What makes a gap: its least factor, and its least share of the widest one on the logarithmic scale. Chosen on the
+# spectra of tests/benchmarks/dimension_trial.py.
+LEAST_GAP = 2.0
+LEAST_GAP_SHARE = 0.35
+# Eigenvalues below this share of the largest are not worth a direction.
+EIGENVALUE_FLOOR = 1e-4
+ISOTROPY_REPLICATES = 200
+
+
+def ladle_dimension(eigenvalues, vectors, replicates):
+    """Dimension by the ladle estimator of Luo and Li, Biometrika 103 (2016).
+
+    The k that minimises the sum of the next eigenvalue and of the bootstrap variability
+    1 - |det(W_k^T V_k)| of the first k vectors, each normalised by its sum over k (the latter plus 1).
+
+    Returns
+    -------
+    int
+        0 for equal eigenvalues and for a zero matrix.
+    """
+    d = len(eigenvalues)
+    if not eigenvalues[0] > 0.0:
+        return 0
+    if d == 1:
+        return 1
+    # All d vectors always span everything: that choice would need no data.
+    largest = min(replicates.shape[2], d - 1)
+    overlap = vectors.T @ replicates
+    variability = np.zeros(largest + 1)
+    for k in range(1, largest + 1):
+        variability[k] = np.mean(1.0 - np.abs(np.linalg.det(overlap[:, :k, :k])))
+    following = eigenvalues[: largest + 1]
+    # The eigenvalues are taken relative to their sum, so that the unit of the output does not matter.
+    score = following / following.sum() + variability / (1.0 + variability.sum())
+    # Equal up to rounding: the smaller dimension.
+    return int(np.argmax(score <= score.min() + 1e-12))
+
+
+def gap_dimension(gradients, scales=None, weights=None, largest=LARGEST_DIMENSION, level=0.95):
+    """Dimension by the gaps of log eigenvalues that gradients without preferred directions do not show.
+
+    It is the last gap before dimension ``largest`` + 1 that is at least a factor of 2, at least 0.35 of the widest
+    one, and wider than what resampling under isotropy explains: with the k - 1 leading directions taken away, every
+    gradient is turned at random, keeping its length, and the gap between the two largest eigenvalues of such samples
+    has the k-th gap beyond its quantile of the given level. Eigenvalues below 1e-4 of the largest count as equal.
+
+    The idea is that of parallel analysis (Horn, Psychometrika 30, 1965), with the lengths of the actual gradients
+    instead of normal data.
+
+    Parameters
+    ----------
+    gradients, scales, weights
+        As in :func:`~satsep_ot.methods.subspace_estimation.estimate_subspace`.
+    largest : int
+        Largest dimension that is considered; no more than half of the points are either.
+    level : float
+        Quantile of the gaps under isotropy.
+
+    Returns
+    -------
+    int
+        0 where no direction stands out; 1 for a single input and for a single gradient, which cannot be tested.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.active_dimension import gap_dimension
+    >>> scales = np.array([1.0, 0.3, 0.01, 0.01, 0.01, 0.01])
+    >>> gap_dimension((np.random.default_rng(0).standard_normal((40, 6)) * scales)[:, :, None])
+    2
+    """
+    count, d, p = gradients.shape
+    eigenvalues, vectors = estimate_subspace(gradients, scales, weights)
+    if not eigenvalues[0] > 0.0:
+        return 0
+    if d == 1 or count == 1:
+        return 1
+    candidates = min(largest, d - 1, count // 2)
+    logarithm = np.log(np.maximum(eigenvalues, EIGENVALUE_FLOOR * eigenvalues[0]))
+    gaps = logarithm[:candidates] - logarithm[1 : candidates + 1]
+    least = max(math.log(LEAST_GAP), LEAST_GAP_SHARE * gaps.max())
+    rows = stacked_rows(gradients, scales, weights).reshape(count, p, d)
+    generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
+    for k in range(candidates, 0, -1):
+        if gaps[k - 1] >= least and gaps[k - 1] > np.quantile(
+            _isotropic_gaps(rows @ vectors[:, k - 1 :], generator), level
+        ):
+            return k
+    return 0
+
+
+def _isotropic_gaps(rows, generator):
+    """Log-gaps between the two largest eigenvalues when the rows (M, p, m) of each point are turned at random."""
+    count, p, m = rows.shape
+    left, singular, _ = np.linalg.svd(rows, full_matrices=False)
+    shapes = left * singular[:, None, :]
+    gaps = np.empty(ISOTROPY_REPLICATES)
+    for b in range(len(gaps)):
+        frames = generator.standard_normal((count, m, shapes.shape[2]))
+        if p == 1:
+            frames /= np.linalg.norm(frames, axis=1, keepdims=True)
+        else:
+            frames = np.linalg.qr(frames)[0]
+        turned = (shapes @ frames.transpose(0, 2, 1)).reshape(count * p, m)
+        gram = turned.T @ turned if len(turned) >= m else turned @ turned.T
+        second, first = np.linalg.eigvalsh(gram)[-2:]
+        gaps[b] = math.log(first / max(second, EIGENVALUE_FLOOR * first)) if first > 0.0 else 0.0
+    return gaps
+
+
+def energy_dimension(eigenvalues, share=0.99):
+    """The smallest dimension whose eigenvalues make up this share of their sum.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.active_dimension import energy_dimension
+    >>> energy_dimension([90.0, 9.5, 0.5])
+    2
+    """
+    cumulated = np.cumsum(eigenvalues)
+    if not cumulated[-1] > 0.0:
+        return 0
+    return int(np.argmax(cumulated >= share * cumulated[-1])) + 1
+
+
+def cross_validated_dimension(points, values, gradients, candidates, scales, weights):
+    """The smallest candidate whose nested cross-validated error is within a standard error of the best one.
+
+    Parameters
+    ----------
+    points, values, gradients, scales, weights
+        As in :func:`cross_validated_error`.
+    candidates : sequence of int
+        Dimensions to compare.
+    """
+    candidates = sorted(set(candidates))
+    errors = [cross_validated_error(points, values, gradients, r, scales, weights) for r in candidates]
+    best = min(errors, key=np.mean)
+    for candidate, error in zip(candidates, errors, strict=True):
+        excess = error - best
+        # Paired differences: hard points are hard for all.
+        if excess.mean() <= excess.std(ddof=1) / math.sqrt(len(excess)):
+            return candidate
+    raise AssertionError("The best candidate has no excess over itself.")
+
+
+def cross_validated_error(points, values, gradients, dimension, scales, weights, folds=5):
+    """Nested cross-validation of the polynomial surrogate: the subspace is estimated anew in every fold.
+
+    Returns
+    -------
+    ndarray (N,)
+        Squared errors of prediction, summed over the outputs in units of their scale.
+    """
+    count = len(points)
+    generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
+    order = generator.permutation(count)
+    errors = np.empty(count)
+    for fold in np.array_split(order, min(folds, count)):
+        kept = np.setdiff1d(order, fold)
+        used = None if weights is None else weights[kept]
+        _, vectors = estimate_subspace(gradients[kept], scales, used)
+        directions = vectors[:, :dimension]
+        degree = surrogate_degree(len(kept), dimension)
+        basis = PolynomialBasis(dimension, degree)
+        fit = fit_polynomial(basis, points[kept] @ directions, values[kept], used, allow_deficient=True)
+        error = values[fold] - fit.predict(points[fold] @ directions)
+        errors[fold] = (error**2 / scales).sum(axis=1)
+    return errors
