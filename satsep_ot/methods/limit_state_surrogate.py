@@ -16,8 +16,8 @@ from scipy.stats import chi2
 from satsep_ot.methods.active_variables import activeTransformation
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, number_of_terms
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
-from satsep_ot.methods.ridge_approximation import fit_ridge
 from satsep_ot.methods.standard_space import StandardSpace
+from satsep_ot.methods.variable_projection import fit_ridge
 
 # An error is never taken to be smaller than this share of a component's own spread: a polynomial that passes through
 # the data is not known to be the truth elsewhere.

@@ -28,6 +28,10 @@ _MINIMUM_FAILURES = 60
 _MINIMUM_BLOCKS = 3
 # Learning goes on while a block of runs is expected to save more runs than it costs.
 _MAXIMUM_LEARNING_SHARE = 0.4
+# A polynomial that fails nowhere within six standard deviations has not seen the failures.
+_SMALLEST_PROBABILITY = 1e-10
+# Above this shape of their largest values the mean and variance of the corrections are not to be trusted.
+_LARGEST_PARETO_SHAPE = 0.7
 # Points that stand for the distribution of the active variables: their error is below 1 % for most limit states.
 _POOL_SIZE = 60_000
 
@@ -323,8 +327,11 @@ class ActiveSubspaceReliability:
                 estimate.coefficientOfVariation() <= target
                 and estimate.failures >= _MINIMUM_FAILURES
                 and len(self._blocks) >= _MINIMUM_BLOCKS
+                and estimate.paretoShape() <= _LARGEST_PARETO_SHAPE
             ):
-                self._finish(True, f"the target coefficient of variation, {target}, was reached")
+                self._finish(
+                    True, f"the target coefficient of variation, {target}, was reached{self._unseen(estimate)}"
+                )
                 return
             self._calibrate(runs)
             self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
@@ -419,7 +426,7 @@ class ActiveSubspaceReliability:
         value, scale = surrogate.limitState(pool.points)
         failure = ndtr(-value / scale)
         probability, variance = pool.expectation(failure)
-        if not probability > 0.0:
+        if probability < _SMALLEST_PROBABILITY:
             return None
 
         def band(width):
@@ -468,6 +475,13 @@ class ActiveSubspaceReliability:
         return ours > max(subset, self._targetCoefficientOfVariation)
 
     # Ways to end. ----------------------------------------------------------------------------------------------------
+
+    def _unseen(self, estimate):
+        """What the interval does not say, for a probability that the runs drawn as by Monte Carlo cannot reach."""
+        bound = 3.0 / (len(self._initial) + 0.1 * estimate.size)
+        if self._mode == "safe" or estimate.probability > bound:
+            return ""
+        return f"; a failure region of probability below {bound:.1e} that no run has pointed at is not excluded"
 
     def _finish(self, converged, reason):
         if not self._blocks:

@@ -76,6 +76,7 @@ class Estimate:
         share = sizes / total
         corrections = np.concatenate([block.corrections for block in blocks])
         expected = np.concatenate([block.expected for block in blocks])
+        self._corrections = np.abs(corrections)
         self.surrogateProbability = float(share @ [block.surrogateProbability for block in blocks])
         self.probability = self.surrogateProbability + float(corrections.mean())
         centred = np.concatenate([block.corrections - block.corrections.mean() for block in blocks])
@@ -92,6 +93,10 @@ class Estimate:
         self.freedom = max(float(contributions.sum()) ** 2 / squares, 1.0) if squares > 0.0 else math.inf
         self.failures = int(sum(block.runs.failed.sum() for block in blocks))
         self.size = int(total)
+
+    def paretoShape(self) -> float:
+        """Shape of the tail of the corrections, see `paretoShape`."""
+        return paretoShape(self._corrections)
 
     def coefficientOfVariation(self) -> float:
         """Standard deviation over the estimate; infinite where the estimate is not positive."""
