@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.polynomial import hermite_e, legendre
 
+from satsep_ot.methods import polynomial_basis
 from satsep_ot.methods.polynomial_basis import (
     PolynomialBasis,
     fit_polynomial,
@@ -192,3 +193,34 @@ def test_bad_data_is_refused(random):
             PolynomialBasis(*arguments)
     with pytest.raises(ValueError, match=r"\(0, 1\]"):
         PolynomialBasis(1, 1, 2.0)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_long_designs_are_factorised_in_blocks(random, weighted, monkeypatch):
+    basis = PolynomialBasis(2, 3)
+    points, values = random.standard_normal((1000, 2)), random.standard_normal((1000, 2))
+    weights = random.uniform(0.0, 1.0, 1000) if weighted else None
+    whole = fit_polynomial(basis, points, values, weights)
+    monkeypatch.setattr(polynomial_basis, "BLOCK_NUMBERS", 12)
+    monkeypatch.setattr(polynomial_basis, "ROWS_PER_COLUMN", 3)
+    blocks = fit_polynomial(basis, points, values, weights)
+    np.testing.assert_allclose(blocks.coefficients, whole.coefficients, atol=1e-13)
+    np.testing.assert_allclose(blocks.leverages, whole.leverages, atol=1e-13)
+    # An estimate that depends on the signs of the rows.
+    assert blocks.condition == pytest.approx(whole.condition, rel=0.5)
+
+
+def test_overflow_is_named_and_constants_look_at_the_points():
+    points = np.full((5, 1), 1e200) * np.arange(1.0, 6.0)[:, None]
+    with np.errstate(over="ignore", invalid="ignore"), pytest.raises(ValueError, match="overflow at points as large"):
+        fit_polynomial(PolynomialBasis(1, 3), points, np.zeros(5))
+    with pytest.raises(ValueError, match="first is row 2"):
+        fit_polynomial(PolynomialBasis(1, 0), np.array([[0.0], [1.0], [np.nan]]), np.zeros(3))
+
+
+def test_covariance_of_the_coefficients(random):
+    basis = PolynomialBasis(2, 2)
+    points, weights = random.standard_normal((40, 2)), random.uniform(0.5, 2.0, 40)
+    design = basis.evaluate(points)
+    covariance = fit_polynomial(basis, points, np.zeros(40), weights).relative_covariance()
+    np.testing.assert_allclose(covariance, np.linalg.inv((design * weights) @ design.T), atol=1e-12)

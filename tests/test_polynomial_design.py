@@ -1,11 +1,13 @@
 """The weighted design keeps least squares well conditioned where the plain one does not."""
 
+import itertools
+
 import numpy as np
 import openturns as ot
 import pytest
 
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
-from satsep_ot.methods.polynomial_design import christoffelDesign
+from satsep_ot.methods.polynomial_design import christoffelDesign, dOptimalDesign
 
 
 def test_weighted_normal_matrix_is_the_identity_on_average():
@@ -33,3 +35,44 @@ def test_it_is_better_conditioned_than_random_points():
 def test_no_points_are_refused():
     with pytest.raises(ValueError, match="at least one variable and one point, got 2 and 0"):
         christoffelDesign(2, 2, 0)
+
+
+def test_d_optimal_points_on_an_interval_are_those_of_guest():
+    # Guest (1958): the ends and the zeros of the derivative of the Legendre polynomial of the degree.
+    candidates = np.linspace(-1.0, 1.0, 2001)
+    found = candidates[dOptimalDesign(candidates[:, None], 4, 5)]
+    np.testing.assert_allclose(found, [-1.0, -np.sqrt(3.0 / 7.0), 0.0, np.sqrt(3.0 / 7.0), 1.0], atol=1e-3)
+
+
+def test_d_optimal_design_is_the_best_of_all_subsets():
+    random = np.random.default_rng(4)
+    candidates = random.standard_normal((12, 2))
+    rows = PolynomialBasis(2, 1).evaluate(candidates).T
+
+    def determinant(chosen):
+        return np.linalg.det(rows[list(chosen)].T @ rows[list(chosen)])
+
+    best = max(determinant(chosen) for chosen in itertools.combinations_with_replacement(range(12), 4))
+    assert determinant(dOptimalDesign(candidates, 1, 4)) == pytest.approx(best)
+
+
+def test_d_optimal_design_beats_random_points():
+    random = np.random.default_rng(5)
+    basis = PolynomialBasis(2, 3)
+    candidates = random.standard_normal((400, 2))
+    rows = basis.evaluate(candidates).T
+    chosen = dOptimalDesign(candidates, 3, 20)
+    assert len(chosen) == 20
+    logarithm = np.linalg.slogdet(rows[chosen].T @ rows[chosen])[1]
+    others = [random.choice(400, 20, replace=False) for _ in range(200)]
+    assert logarithm > max(np.linalg.slogdet(rows[other].T @ rows[other])[1] for other in others) + 3.0
+
+
+def test_d_optimal_design_names_what_is_missing():
+    line = np.linspace(0.0, 1.0, 30)[:, None] * np.array([1.0, 2.0])
+    with pytest.raises(ValueError, match="6 terms but the candidates give rank 3 only"):
+        dOptimalDesign(line, 2, 8)
+    with pytest.raises(ValueError, match="at least 6 points, got 5"):
+        dOptimalDesign(np.eye(2), 2, 5)
+    with pytest.raises(ValueError, match="finite"):
+        dOptimalDesign(np.full((9, 2), np.nan), 1, 5)

@@ -216,6 +216,23 @@ class TestRidgeApproximation:
         algorithm.run()
         assert "20 points for 14 unknowns: 42 are recommended" in algorithm.getResult().getRemarks()[0]
 
+    def test_points_of_weight_zero_take_no_part(self):
+        ot.RandomGenerator.SetSeed(6)
+        inputs, outputs = self.sample(120)
+        outputs = np.array(outputs)
+        outputs[100:] = 1e3
+        algorithm = RidgeApproximation(inputs, outputs, self.distribution)
+        algorithm.setDegree(2)
+        algorithm.setWeights(np.r_[np.ones(100), np.zeros(20)])
+        algorithm.run()
+        result = algorithm.getResult()
+        assert result.getDimension() == 1
+        assert subspace_distance(np.array(result.getDirections()), self.direction) < 1e-7
+        assert result.getQ2() == pytest.approx(1.0, abs=1e-9)
+        for weights in (np.zeros(120), -np.ones(120), np.ones(7)):
+            with pytest.raises(ValueError, match="120 finite numbers >= 0, at least one"):
+                algorithm.setWeights(weights)
+
     def test_bad_input_is_refused(self):
         inputs, outputs = self.sample(20)
         with pytest.raises(ValueError, match="shapes"):

@@ -465,7 +465,8 @@ class MultivariatePolynomialRegressionResult:
         """Standard deviation of the outputs about the polynomial at points (n, d), which may vary: ndarray (n, p).
 
         Where the inputs are active variables, it is that of g given y. The logarithm of the squared leave-one-out
-        errors is regressed on a quadratic, or on the regression's own degree if that is less (Harvey, Econometrica 44, 1976).
+        errors is regressed on a
+        quadratic, or on the regression's own degree if that is less (Harvey, Econometrica 44, 1976).
 
         Raises
         ------

@@ -132,21 +132,23 @@ class RidgeApproximation:
 
     def run(self):
         """Choose dimension and degree by cross-validation where they are open, and fit."""
-        n, d = self._points.shape
-        blocks = shuffled_folds(n, self._folds)
-        smallest = n - max(len(block) for block in blocks)
+        d = self._points.shape[1]
+        weight = np.ones(len(self._points)) if self._weights is None else self._weights
+        used = weight > 0.0
+        points, values, weight = self._points[used], self._values[used], weight[used]
+        blocks = shuffled_folds(len(points), self._folds)
+        smallest = len(points) - max(len(block) for block in blocks)
         dimensions = range(self._largestDimension + 1) if self._dimension is None else [self._dimension]
         degrees = range(1, self._largestDegree + 1) if self._degree is None else [self._degree]
         pairs = [(r, k) for r in dimensions for k in degrees if (r > 0 or k == degrees[0]) and not 1 == k < r]
         # Twice as many points as terms, or the fit of a fold is noise.
         pairs = [(r, k) for r, k in pairs if 2 * math.comb(r + k, k) <= smallest] or pairs[:1]
-        weight = np.ones(n) if self._weights is None else self._weights
-        mean = np.average(self._values, axis=0, weights=self._weights)
-        spread = np.average((self._values - mean) ** 2, axis=0, weights=self._weights)
+        mean = np.average(values, axis=0, weights=weight)
+        spread = np.average((values - mean) ** 2, axis=0, weights=weight)
         scale = np.where(spread > 0.0, spread, 1.0)
         scores = {}
         for r, k in pairs:
-            errors = cross_validate_ridge(self._points, self._values, r, k, self._weights, blocks, self._starts)
+            errors = cross_validate_ridge(points, values, r, k, weight, blocks, self._starts)
             squared = (errors**2 / scale).mean(axis=1)
             scores[r, k] = np.array([np.average(squared[block], weights=weight[block]) for block in blocks])
         best = min(scores, key=lambda pair: scores[pair].mean())
