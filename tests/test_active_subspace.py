@@ -205,6 +205,7 @@ def test_error_bound_holds():
 def test_average_gradient():
     result = result_of(ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a + 0.4 * b)"]), ot.Normal(2))
     assert np.array(result.getAverageGradient()) == pytest.approx([0.6, 0.8])
+    assert result.getAverageTransformation()([1.0, 2.0])[0] == pytest.approx(2.2)
     with pytest.raises(ValueError, match="one output"):
         result_of(ot.SymbolicFunction(["a", "b"], ["a", "b"]), ot.Normal(2)).getAverageGradient()
 

@@ -143,6 +143,24 @@ def test_constant_polynomial():
     assert law.computeQuantile(0.3) == pytest.approx(2.0)
 
 
+def test_kernel_density_of_a_sample_lies_beside_the_exact_one():
+    ot.RandomGenerator.SetSeed(1)
+    inputs = np.array(ot.Normal(2).getSample(100))
+    regression = MultivariatePolynomialRegression(inputs, inputs[:, :1] + 0.2 * inputs[:, 1:] ** 2, ot.Normal(2))
+    regression.run()
+    result = regression.getResult()
+    exact, sampled = PolynomialDistribution(result), result.getKernelDistribution()
+    assert result.getSample(7).getSize() == 7
+    for t in (-1.0, 0.5, 2.0):
+        assert sampled.computeCDF(t) == pytest.approx(exact.computeCDF(t), abs=0.01)
+        assert sampled.computePDF(t) == pytest.approx(exact.computePDF(t), rel=0.05)
+    graph = exact.drawPDF()
+    drawn = np.array(graph.getDrawable(0).getData())
+    assert (0.5 * (drawn[1:, 1] + drawn[:-1, 1]) @ np.diff(drawn[:, 0])) == pytest.approx(0.999, abs=0.01)
+    with pytest.raises(ValueError, match=r"\(0, 1\), got 1"):
+        exact.drawPDF(1.0)
+
+
 def test_other_laws_and_dimensions_are_refused():
     inputs = np.array(ot.Normal(4).getSample(80))
     for columns, given, message in (

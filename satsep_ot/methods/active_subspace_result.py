@@ -255,6 +255,13 @@ class ActiveSubspaceResult:
             raise ValueError("The mean gradient is 0: it has no direction.")
         return ot.Point(mean / length)
 
+    def getAverageTransformation(self):
+        """Physical inputs to the single variable along the average gradient, a native :py:class:`openturns.Function`.
+
+        The alternative to :meth:`getTransformation` for a function that rises everywhere in one direction.
+        """
+        return activeTransformation(self._space, np.array(self.getAverageGradient())[:, None])
+
     def getActivityScores(self, dimension=None):
         """Activity score of each input, sum_{j <= n} lambda_j w_ij^2 (Constantine and Diaz 2017).
 

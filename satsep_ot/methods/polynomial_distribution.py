@@ -15,6 +15,7 @@ POLAR_NODES = 56
 AZIMUTH_NODES = 112
 # Half width, in standard deviations, of the difference that stands in for a density.
 DENSITY_STEP = 0.02
+DRAWN_POINTS = 129
 # No probability that a double can hold lies beyond; roots there would only spoil the signs between them.
 FARTHEST = 40.0
 # A pair of complex roots this close to the real axis is a double root up to rounding.
@@ -241,6 +242,17 @@ class PolynomialDistribution:
             width *= 2.0
             high += width
         return float(optimize.brentq(excess, low, high, xtol=1e-13 * (abs(low) + abs(high)), rtol=1e-13))
+
+    def drawPDF(self, level=0.999):
+        """Density between the quantiles that hold the middle ``level``, :py:class:`openturns.Graph`."""
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"The level must be in (0, 1), got {level}.")
+        lower, upper = (self.computeQuantile(0.5 * (1.0 + sign * level)) for sign in (-1.0, 1.0))
+        # Midpoints of cells: at the edge of its range the density of a square is infinite.
+        points = lower + (np.arange(DRAWN_POINTS) + 0.5) * (upper - lower) / DRAWN_POINTS
+        graph = ot.Graph("Density of the polynomial", "value", "density", True, "")
+        graph.add(ot.Curve(points, [self.computePDF(point) for point in points]))
+        return graph
 
 
 def _lines(dimension):

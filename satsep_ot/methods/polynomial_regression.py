@@ -494,6 +494,20 @@ class MultivariatePolynomialRegressionResult:
         """Variance of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
         return ot.Point((self._fit.coefficients[1:] ** 2).sum(axis=0))
 
+    def getSample(self, size):
+        """Outputs of the polynomial at inputs sampled from their law, :py:class:`openturns.Sample` (size, p)."""
+        sample = ot.Sample(self.evaluate(np.array(self._reduction.law.getSample(size))))
+        sample.setDescription(self.getMetaModel().getOutputDescription())
+        return sample
+
+    def getKernelDistribution(self, size=100_000, output=0):
+        """Law of one output by kernel smoothing of a sample, an :py:class:`openturns.Distribution`.
+
+        For any number of variables; for one to three standard normal ones
+        :class:`~satsep_ot.methods.polynomial_distribution.PolynomialDistribution` has no sampling noise.
+        """
+        return ot.KernelSmoothing().build(self.getSample(size).getMarginal(output))
+
     def _share(self, selected, output):
         coefficients = self._fit.coefficients[:, output] ** 2
         total = coefficients[1:].sum()
