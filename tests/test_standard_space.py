@@ -3,6 +3,7 @@
 import numpy as np
 import openturns as ot
 import pytest
+from scipy import special
 
 from satsep_ot.methods.standard_space import StandardSpace
 
@@ -31,6 +32,53 @@ def test_chain_rule_matches_differences_in_the_standard_space(copula):
         step = 1e-5 * np.eye(2)[i]
         ahead, behind = (np.array(function(space.toPhysical(points + s * step))) for s in (1.0, -1.0))
         np.testing.assert_allclose(gradients[:, i], (ahead - behind) / 2e-5, rtol=1e-5, atol=1e-6)
+
+
+def normal_conditional(u, v):
+    return special.ndtr((special.ndtri(v) - 0.5 * special.ndtri(u)) / np.sqrt(0.75))
+
+
+def clayton_conditional(u, v, theta=2.0):
+    return u ** (-theta - 1.0) * (u**-theta + v**-theta - 1.0) ** (-1.0 / theta - 1.0)
+
+
+def gumbel_conditional(u, v, theta=2.0):
+    a, b = -np.log(u), -np.log(v)
+    s = a**theta + b**theta
+    return np.exp(-(s ** (1.0 / theta))) * s ** (1.0 / theta - 1.0) * a ** (theta - 1.0) / u
+
+
+def frank_conditional(u, v, theta=3.0):
+    a, b, c = np.expm1(-theta * u), np.expm1(-theta * v), np.expm1(-theta)
+    return (a + 1.0) * b / (c + a * b)
+
+
+@pytest.mark.parametrize(
+    ("copula", "conditional"),
+    [
+        (ot.NormalCopula(CORRELATION), normal_conditional),
+        (ot.ClaytonCopula(2.0), clayton_conditional),
+        (ot.GumbelCopula(2.0), gumbel_conditional),
+        (ot.FrankCopula(3.0), frank_conditional),
+    ],
+)
+def test_transformation_and_gradient_are_those_of_the_conditional_law(copula, conditional):
+    # Rosenblatt: U_1 = Phi^-1(F_1(x_1)), U_2 = Phi^-1(C(F_2(x_2) | F_1(x_1))), Nelsen (2006) for the copulas.
+    space = StandardSpace(ot.JointDistribution([ot.Uniform(0.0, 1.0), ot.Uniform(1.0, 3.0)], copula))
+    physical = np.random.default_rng(0).uniform([0.05, 1.1], [0.95, 2.9], (20, 2))
+
+    def second(x):
+        return special.ndtri(conditional(x[:, 0], (x[:, 1] - 1.0) / 2.0))
+
+    expected = np.column_stack([special.ndtri(physical[:, 0]), second(physical)])
+    points = space.toStandard(physical)
+    np.testing.assert_allclose(points, expected, atol=1e-9)
+    np.testing.assert_allclose(space.toPhysical(expected), physical, atol=1e-9)
+    # The gradient of u_2(x) with respect to u is the second unit vector.
+    step = 1e-6
+    gradient = np.stack([(second(physical + step * e) - second(physical - step * e)) / (2.0 * step) for e in np.eye(2)])
+    chained = space.chainGradient(points, gradient.T[:, :, None])[:, :, 0]
+    np.testing.assert_allclose(chained, np.tile([0.0, 1.0], (20, 1)), atol=1e-6)
 
 
 @pytest.mark.parametrize(
