@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
-from scipy.fft import irfft, rfft
+from scipy.fft import dct, idct
 
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Status
@@ -72,7 +72,7 @@ def _panels(count, columns=None, size=PANEL_SIZE):
     """A figure with `count` panels and their axes, row by row; no empty panel is left."""
     if count < 1:
         raise ValueError("a figure needs at least one panel, and there is nothing to draw")
-    columns = columns or (count if count < 4 else 2 if count == 4 else 3 if count in (5, 6, 9) else 4)
+    columns = columns or (count if count < 4 else 2 if count == 4 else 3)
     rows = math.ceil(count / columns)
     figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
@@ -222,6 +222,8 @@ def draw_sufficient_summary(active, values, regression, ax=None, label="", unit=
         ax.legend(fontsize=FONT_SIZE)
         return ax
     _dress(ax, "active variable 1 [standard deviations]", "active variable 2 [standard deviations]")
+    # Beyond the points, so that none is cut by the frame.
+    low, high = low - 0.04 * (high - low), high + 0.04 * (high - low)
     first, second = np.meshgrid(np.linspace(low[0], high[0], 61), np.linspace(low[1], high[1], 61))
     grid = np.zeros((first.size, active.shape[1]))
     grid[:, 0], grid[:, 1] = first.ravel(), second.ravel()
@@ -263,7 +265,7 @@ def sufficient_summary_figure(summaries, units):
 
 
 def sample_density(values, size=512):
-    """A kernel density of a large sample: Gaussian kernel of Silverman's width, on a grid by fast convolution.
+    """A kernel density of a large sample: Gaussian kernel of Silverman's width, by fast cosine transform.
 
     Parameters
     ----------
@@ -275,7 +277,9 @@ def sample_density(values, size=512):
     Returns
     -------
     grid, density : ndarray, shape (size,)
-        Silverman, *Density Estimation for Statistics and Data Analysis* (1986), equation 3.31 and section 3.5.
+        From the smallest to the largest value, reflected there, so that nothing leaks below 0 where nothing is. NaN
+        where fewer than ten values lie under the kernel: that would be a drawing of single values. Silverman, *Density
+        Estimation for Statistics and Data Analysis* (1986), equation 3.31 and sections 2.10 and 3.5.
 
     Raises
     ------
@@ -296,14 +300,15 @@ def sample_density(values, size=512):
         raise ValueError(f"a density needs at least two different finite values; {len(values)} are given")
     quartiles = np.quantile(values, [0.25, 0.75])
     width = 0.9 * min(spread, (quartiles[1] - quartiles[0]) / 1.34 or spread) * len(values) ** -0.2
-    low, high = values.min() - 4.0 * width, values.max() + 4.0 * width
     fine = 16 * size
-    counts, edges = np.histogram(values, bins=fine, range=(low, high))
-    step = edges[1] - edges[0]
-    frequency = 2.0 * math.pi * np.arange(fine // 2 + 1) / (fine * step)
-    density = irfft(rfft(counts / (len(values) * step)) * np.exp(-0.5 * (frequency * width) ** 2), fine)
-    grid = np.linspace(low, high, size)
-    return grid, np.interp(grid, 0.5 * (edges[1:] + edges[:-1]), np.maximum(density, 0.0))
+    counts, edges = np.histogram(values, bins=fine)
+    length = edges[-1] - edges[0]
+    damping = np.exp(-0.5 * (math.pi * np.arange(fine) * width / length) ** 2)
+    density = idct(dct(counts * (fine / (len(values) * length))) * damping)
+    grid = np.linspace(edges[0], edges[-1], size)
+    density = np.interp(grid, 0.5 * (edges[1:] + edges[:-1]), density)
+    density[density * len(values) * width * math.sqrt(2.0 * math.pi) < 10.0] = np.nan
+    return grid, density
 
 
 def draw_density(
@@ -363,7 +368,8 @@ def draw_density(
     if density is not None:
         grid, values = (np.asarray(column, dtype=float) for column in density)
         shown = (values > floor) & (grid > low - 0.3 * (high - low)) & (grid < high + 0.3 * (high - low))
-        ax.plot(grid[shown], values[shown], "-", color=BLACK, linewidth=1.5, label="surrogate")
+        # Gaps stay gaps: a line across them would be invented.
+        ax.plot(grid, np.where(shown, values, np.nan), "-", color=BLACK, linewidth=1.5, label="surrogate")
         if shown.any():
             top = max(top, values[shown].max())
             low, high = min(low, grid[shown].min()), max(high, grid[shown].max())
