@@ -124,8 +124,8 @@ def _parser():
         help=f"which methods to run (default: all): {', '.join(METHODS)}",
     )  # fmt: skip
     study.add_argument(
-        "--runs", type=_positive, default=1_000_000, metavar="N",
-        help="runs of the Monte Carlo sample, which all requirements share (default: 1000000)",
+        "--runs", type=_positive, default=500_000, metavar="N",
+        help="runs of the Monte Carlo sample, which all requirements share (default: 500000)",
     )  # fmt: skip
     return parser
 

@@ -111,9 +111,14 @@ def fitGaussianMixture(
         centres = np.array([points[nearest == j].mean(axis=0) for j in range(len(centres)) if (nearest == j).any()])
     count = len(centres)
     mixture = GaussianMixture(np.full(count, 1.0 / count), centres, np.repeat(np.eye(k)[None], count, axis=0))
+    earlier = -math.inf
     for _ in range(iterations):
         logs = mixture.logComponents(points)
-        responsibility = np.exp(logs - _logSumExp(logs)[:, None])
+        density = _logSumExp(logs)
+        if density.mean() < earlier + 3e-3:
+            break
+        earlier = float(density.mean())
+        responsibility = np.exp(logs - density[:, None])
         totals = responsibility.sum(axis=0)
         kept = totals > 2.0 * (k + 1)
         responsibility, totals = responsibility[:, kept], totals[kept]
@@ -171,7 +176,7 @@ def fitImportantRegion(
         weight = np.exp(logTarget - logTarget.max())
         if weight.sum() ** 2 / (weight**2).sum() < 4.0 * (dimension + 2):
             return None
-        chosen = generator.choice(len(y), size=4000, p=weight / weight.sum())
+        chosen = generator.choice(len(y), size=2000, p=weight / weight.sum())
         mixture = fitGaussianMixture(y[chosen], generator).withDefence()
         if closing:
             break

@@ -1,7 +1,7 @@
 """Surrogate of a limit state: polynomial ridges of smooth components, composed, with the size of their errors.
 
 All in the standard normal space. The probability of failure at a point follows from normal errors around the
-predictions of the components, carried through the composition by central differences of one error's size.
+predictions of the components, carried through the composition by differences of one error's size.
 """
 
 import dataclasses
@@ -22,6 +22,9 @@ from satsep_ot.methods.variable_projection import fit_ridge
 # An error is never taken to be smaller than this share of a component's own spread: a polynomial that passes through
 # the data is not known to be the truth elsewhere.
 _SMALLEST_ERROR = 0.01
+# The search for a subspace need not be more exact than the runs let it be: it is continued after the next block.
+_SEARCH_STEPS = 15
+_SEARCH_TOLERANCE = 1e-4
 # A larger model must lower the estimated squared error of prediction by this factor to be preferred.
 _PARSIMONY = 0.9
 # Points further than this number of scales from the limit have a probability of failure of 0 or 1.
@@ -181,9 +184,7 @@ class LimitStateSurrogate:
             for j, error in enumerate(self.errors):
                 shifted = values[rows].copy()
                 shifted[:, j] += error
-                above = self.margin(shifted)
-                shifted[:, j] -= 2.0 * error
-                squares += (0.5 * (above - self.margin(shifted))) ** 2
+                squares += (self.margin(shifted) - value[rows]) ** 2
             scale[rows] = np.sqrt(squares)
             largest = max(largest, float(scale[rows].max()))
         # A composition that is flat here would give 0: the composed value is then certain to rounding.
@@ -231,7 +232,9 @@ def _predictionError(polynomial, weights, parameters):
 def _fitModel(u, column, weights, model, radius, initial):
     directions = np.zeros((u.shape[1], 0))
     if model.dimension:
-        directions = fit_ridge(u, column, model.dimension, max(model.degree, 1), weights, 1, initial).directions
+        directions = fit_ridge(
+            u, column, model.dimension, max(model.degree, 1), weights, 1, initial, _SEARCH_STEPS, _SEARCH_TOLERANCE
+        ).directions
     variables = u @ directions
     if model.radial and radius is not None:
         variables = np.column_stack([variables, radius])
@@ -250,15 +253,19 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
     # What is smaller than the smallest error that is believed needs no larger model.
     floor = 0.5 * _SMALLEST_ERROR * float(column.std())
     for dimension in range(1, min(maximumDimension, d) + 1):
-        improved = False
+        improved, lower = False, None
         for degree in range(1 if dimension == 1 else 2, maximumDegree + 1):
             model = RidgeModel(dimension, degree)
             if model.parameters(d) > 0.75 * effective or best.error <= floor:
                 break
+            # A search starts where the one of a lower degree, or the earlier surrogate, has ended; but a linear fit
+            # knows nothing of an even function.
             initial = None
-            if old is not None and old.model.dimension == dimension and old.model.degree > 1 and degree > 1:
+            if lower is not None and degree > 2:
+                initial = lower.directions
+            elif degree == 2 and old is not None and old.model.dimension == dimension and old.model.degree > 1:
                 initial = old.directions
-            fit = _fitModel(u, column, weights, model, None, initial)
+            lower = fit = _fitModel(u, column, weights, model, None, initial)
             if fit.error < math.sqrt(_PARSIMONY) * best.error:
                 best, improved = fit, True
         # A second direction may show where the first one does not (an even function), a third one after both.

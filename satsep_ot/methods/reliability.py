@@ -49,7 +49,8 @@ class _Proposal:
     failure: np.ndarray
     probability: float
     poolVariance: float
-    selection: np.ndarray
+    selection: np.ndarray  # probabilities of the pool's points for runs of the estimate
+    exploration: np.ndarray  # and for runs to learn from, wider
 
     def runVariance(self) -> float:
         """Expected variance that one true run adds to the correction."""
@@ -266,16 +267,16 @@ class ActiveSubspaceReliability:
         limit = _MAXIMUM_LEARNING_SHARE * self._maximumEvaluations + self._phases.get("subset", 0)
         # Quartics through the first normal points would invent failures far out.
         self._fit(reselect=True, maximumDegree=2 if self._mode == "fast" else 4)
-        proposal = self._propose(learning=True)
+        proposal = self._propose()
         best, idle, earlier = math.inf, 0, 0.0
         while True:
             size = self._blockSize
-            u = self._drawWide(size) if proposal is None else self._drawRuns(proposal, size)[0]
+            u = self._drawWide(size) if proposal is None else self._drawRuns(proposal, proposal.exploration, size)[0]
             runs = self._evaluate(u, "learning")
             trusted = self._calibrate(runs)
-            self._fit(reselect=True)
+            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
             exhausted = self._used() + self._blockSize > limit
-            proposal = self._propose(learning=False)
+            proposal = self._propose()
             if proposal is None:
                 if exhausted:
                     return None
@@ -289,7 +290,6 @@ class ActiveSubspaceReliability:
             earlier = proposal.probability
             if exhausted or (trusted and stable and enough):
                 return proposal
-            proposal = self._propose(learning=True)
 
     def _estimate(self, proposal: _Proposal) -> None:
         """Unbiased blocks, each new to the surrogate that proposed it, until the target is reached."""
@@ -307,7 +307,7 @@ class ActiveSubspaceReliability:
             if size < 2:
                 self._finish(False, f"the maximum number of evaluations, {self._maximumEvaluations}, was reached")
                 return
-            u, chosen, weights = self._drawRuns(proposal, size)
+            u, chosen, weights = self._drawRuns(proposal, proposal.selection, size)
             runs = self._evaluate(u, "estimation")
             failure = proposal.failure[chosen]
             self._blocks.append(
@@ -336,7 +336,7 @@ class ActiveSubspaceReliability:
             self._calibrate(runs)
             self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
             # The search for the region is random and has a second chance; then the earlier proposal stays valid.
-            proposal = self._propose(learning=False) or self._propose(learning=False) or proposal
+            proposal = self._propose() or self._propose() or proposal
 
     # Their steps. ----------------------------------------------------------------------------------------------------
 
@@ -413,7 +413,7 @@ class ActiveSubspaceReliability:
         wrong = np.abs(runs.failed[kept] - ndtr(-value / scale)) > 0.999
         return bool(factor.max() < 1.5) and not wrong.any()
 
-    def _propose(self, learning) -> _Proposal | None:
+    def _propose(self) -> _Proposal | None:
         """Where to run next; None where the surrogate shows no failure region."""
         surrogate, generator = self._surrogate, self._generator
         k = surrogate.dimension()
@@ -434,11 +434,10 @@ class ActiveSubspaceReliability:
             return np.sqrt(share * (1.0 - share))
 
         nominal = np.ones(_POOL_SIZE)
-        if learning:
-            shares = [(0.15, nominal), (0.15, failure), (0.35, band(4.0)), (0.35, band(12.0))]
-        else:
-            shares = [(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, band(4.0)), (0.15, band(12.0))]
-        return _Proposal(surrogate, pool, failure, probability, variance, pool.selection(shares))
+        near, far = band(4.0), band(12.0)
+        selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
+        exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
+        return _Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
 
     def _missesKnownFailures(self):
         """Whether runs drawn as by Monte Carlo, or without a finite value, failed against the surrogate: rare draws of
@@ -448,9 +447,9 @@ class ActiveSubspaceReliability:
         lost = any((part.failed & ~part.finite).any() for part in self._runs)
         return lost or bool((runs.failed & (ndtr(-value / scale) < 0.01)).any())
 
-    def _drawRuns(self, proposal, size):
+    def _drawRuns(self, proposal, selection, size):
         """Points of standard space, their positions in the pool and their weights."""
-        chosen, weights = proposal.pool.select(proposal.selection, size, self._generator)
+        chosen, weights = proposal.pool.select(selection, size, self._generator)
         return proposal.surrogate.expand(proposal.pool.points[chosen], self._generator), chosen, weights
 
     def _drawWide(self, size):

@@ -77,7 +77,7 @@ class SeparationStudy:
     ['lateral rate', 'spin', 'axial velocity', 'clearance', 'any requirement']
     """
 
-    def __init__(self, problem, methods=STUDY_METHODS, seed=0, sampleSize=1_000_000, gradientSize=300):
+    def __init__(self, problem, methods=STUDY_METHODS, seed=0, sampleSize=500_000, gradientSize=300):
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
             raise ValueError(f"methods = {list(methods)}; some of {', '.join(STUDY_METHODS)} are allowed")
