@@ -9,7 +9,7 @@ __version__ = "0.1.0"
 
 _HOMES = {
     "ActiveSubspaceAlgorithm": "methods.active_subspace",
-    "ActiveSubspaceResult": "methods.active_subspace",
+    "ActiveSubspaceResult": "methods.active_subspace_result",
     "ActiveSubspaceReliability": "methods.reliability",
     "ActiveSubspaceReliabilityResult": "methods.reliability_result",
     "CaseError": "model.case",

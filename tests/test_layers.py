@@ -11,13 +11,13 @@ PACKAGE = Path(satsep_ot.__file__).parent
 ALLOWED = {
     "dynamics": {"numpy", "numba", "scipy", "satsep_ot.dynamics"},
     "model": {"numpy", "openturns", "satsep_ot.dynamics", "satsep_ot.model"},
-    "methods": {"numpy", "scipy", "openturns", "satsep_ot.methods"},
+    "methods": {"numpy", "scipy", "openturns", "threadpoolctl", "satsep_ot.methods"},
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
-    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "difflib", "enum", "functools", "hashlib", "importlib",
-    "io", "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time", "tomllib", "types", "typing",
-    "warnings",
+    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "difflib", "enum", "functools",
+    "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time",
+    "tomllib", "types", "typing", "warnings",
 }  # fmt: skip
 
 

@@ -1,10 +1,11 @@
 """Sampling where a cheap score says that failures are, with exact weights, in a few active directions.
 
 Two stages. A Gaussian mixture is fitted to the important region by the improved cross-entropy method (Papaioannou,
-Geyer and Straub, Structural Safety 2019); it costs cheap score evaluations only. A large pool is drawn from it, and
-the points of the expensive function are drawn from the pool with unequal probabilities. The Hansen-Hurwitz weights of
-that second draw (Saerndal, Swensson and Wretman, Model Assisted Survey Sampling, 1992, section 2.9) are exact whatever
-the shape of the selection function is, so no normalising constant has to be integrated.
+Geyer and Straub, Reliability Engineering and System Safety 191, 2019); it costs cheap score evaluations only. A large
+pool is drawn from it, and the points of the expensive function are drawn from the pool with unequal probabilities. The
+Hansen-Hurwitz weights of that second draw (Saerndal, Swensson and Wretman, Model Assisted Survey Sampling, 1992,
+section 2.9) are exact whatever the shape of the selection function is, so no normalising constant has to be
+integrated.
 """
 
 import dataclasses

@@ -18,6 +18,7 @@ from satsep_ot.methods.reliability_result import (
     clopperPearson,
     diagnose,
 )
+from satsep_ot.methods.single_thread import singleThread
 from satsep_ot.methods.subset_simulation import runSubsetSimulation
 
 __all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
@@ -205,6 +206,7 @@ class ActiveSubspaceReliability:
 
     # The phases. -----------------------------------------------------------------------------------------------------
 
+    @singleThread()
     def run(self) -> None:
         """Compute the probability.
 

@@ -11,6 +11,7 @@ from satsep_ot.methods.active_variables import (
     inverseActiveTransformation,
 )
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression, shuffled_folds
+from satsep_ot.methods.single_thread import singleThread
 from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.variable_projection import cross_validate_ridge, fit_ridge
 
@@ -130,6 +131,7 @@ class RidgeApproximation:
             raise ValueError(f"The number of folds must be 2 to {len(self._points)}, got {folds}.")
         self._folds = folds
 
+    @singleThread()
     def run(self):
         """Choose dimension and degree by cross-validation where they are open, and fit."""
         d = self._points.shape[1]

@@ -1,0 +1,89 @@
+"""The chain as a whole, at a small size."""
+
+import json
+
+import numpy as np
+import pytest
+
+from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy
+
+# Runs of the Monte Carlo sample: 20,000 give half a percent of the violation probabilities of spin and system.
+SIZE = 20_000
+
+
+@pytest.fixture(scope="module")
+def study():
+    study = SeparationStudy(
+        SeparationProblem("reference"), ["ActiveSubspace", "FORM", "MonteCarlo"], 3, sampleSize=SIZE, gradientSize=100
+    )
+    study.run()
+    return study
+
+
+def rows(study, requirement):
+    return {row["method"]: row for row in study.getRows() if row["requirement"] == requirement}
+
+
+def test_every_requirement_has_a_row_of_every_method(study):
+    expected = [*SeparationProblem("reference").getRequirementNames(), SYSTEM]
+    assert [row["requirement"] for row in study.getRows()[::3]] == expected
+    assert [row["method"] for row in study.getRows()[:3]] == ["ActiveSubspace", "FORM", "MonteCarlo"]
+
+
+def test_intervals_of_active_subspace_and_monte_carlo_overlap(study):
+    for requirement in (*SeparationProblem("reference").getRequirementNames(), SYSTEM):
+        ours, crude = rows(study, requirement)["ActiveSubspace"], rows(study, requirement)["MonteCarlo"]
+        assert ours["lower95"] <= crude["upper95"]
+        assert crude["lower95"] <= ours["upper95"]
+        assert ours["evaluations"] + ours["gradients"] <= 5000
+        assert crude["evaluations"] == SIZE
+
+
+def test_form_is_told_where_it_is_wrong(study):
+    remarks = study.getRemarks()
+    assert any(text.startswith("lateral rate: FORM gives") and "times too low" in text for text in remarks)
+    assert not any(text.startswith("axial velocity: FORM gives") and "too high" in text for text in remarks)
+
+
+def test_components_are_ridges(study):
+    for name in ("axial_velocity", "rate_x", "rate_y", "rate_z"):
+        component = study.getComponents()[name]
+        assert component.subspace.getDimension() in (1, 2, 3)
+        assert component.regression.getQ2LeaveOneOut()[0] > 0.97
+
+
+def test_results_are_saved_whole_and_can_be_read_again(study, tmp_path):
+    paths = study.save(tmp_path / "new" / "study")
+    assert all(path.stat().st_size > 0 for path in paths)
+    assert sorted(path.name for path in (tmp_path / "new" / "study").iterdir()) == sorted(path.name for path in paths)
+    results = json.loads(paths[0].read_text(encoding="utf-8"))
+    assert results == json.loads(json.dumps(study.getResults()))
+    assert results["versions"]["openturns"].startswith("1.27")
+
+
+def test_a_row_does_not_depend_on_the_other_methods(study):
+    alone = SeparationStudy(SeparationProblem("reference"), ["ActiveSubspace"], 3, sampleSize=1)
+    row = alone._runMethod("spin", "ActiveSubspace")
+    assert row.probability == rows(study, "spin")["ActiveSubspace"]["probability"]
+
+
+def test_the_surrogates_law_is_that_of_the_sample(study):
+    law = study._surrogateSample(SIZE)
+    columns = list(study._problem.getFunction().getOutputDescription())
+    for entry in study._problem.getRequirements():
+        column = next(i for i, label in enumerate(columns) if label.startswith(entry.quantity + " "))
+        for level in (0.1, 0.5, 0.9):
+            spread = study._sample[:, column].std()
+            difference = np.quantile(law[entry.name], level) - np.quantile(study._sample[:, column], level)
+            assert abs(difference) < 0.05 * spread
+
+
+def test_bad_arguments_are_named():
+    problem = SeparationProblem("reference")
+    with pytest.raises(ValueError, match="'Guess'"):
+        SeparationStudy(problem, ["Guess"])
+    with pytest.raises(ValueError, match="sampleSize = 0"):
+        SeparationStudy(problem, sampleSize=0)
+    with pytest.raises(ValueError, match="there is no ActiveSubspace result of 'spin'"):
+        SeparationStudy(problem).getReliabilityResult("spin")
