@@ -340,7 +340,6 @@ class SubsetSampling(SimulationMethod):
         algorithm.setBlockSize(block)
         algorithm.setMaximumOuterSampling(math.ceil(self.levelSize / block))
         algorithm.setConditionalProbability(self.conditionalProbability)
-        algorithm.setMaximumCoefficientOfVariation(-1.0)
         return algorithm
 
 
