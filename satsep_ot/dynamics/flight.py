@@ -14,10 +14,19 @@ from numba import njit
 
 from satsep_ot.dynamics.compilation import KERNEL
 from satsep_ot.dynamics.integration import EIGHTH_ORDER, FOURTH_ORDER, error_ratio, finish, full_step, stages
-from satsep_ot.dynamics.rigid_body import STATE_SIZE, derivative, seat_motion
+from satsep_ot.dynamics.rigid_body import derivative, seat_motion
 from satsep_ot.dynamics.rotations import quaternion_from_rotation_vector, rotation_matrix_elements
-from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE
-from satsep_ot.dynamics.springs import GUIDED
+from satsep_ot.dynamics.separation import COMMON_SIZE, RECESS_DEPTH, RECESS_RADIUS, SPRING_SIZE, STOWED
+from satsep_ot.dynamics.system import (
+    DEFORMATION,
+    DELAY,
+    GUIDED,
+    INVERSE_REDUCED_MASS,
+    RELEASE_STROKE,
+    STATE_SIZE,
+    STIFFNESS,
+    STOWED_LENGTH,
+)
 
 MAXIMUM_STEPS = 500
 PENETRATION_LIMIT = 1e-3  # m
@@ -76,12 +85,12 @@ def prepare(p, orbit, force_line, c, springs, x):
     valid = p[0] > 0.0 and p[10] > 0.0
     for n in range(p.shape[0]):
         valid = valid and math.isfinite(p[n])
-    c[0] = 1.0 / p[0] + 1.0 / p[10]
+    c[INVERSE_REDUCED_MASS] = 1.0 / p[0] + 1.0 / p[10]
     valid = invert_inertia(p, 1, c, 1) and valid
     valid = invert_inertia(p, 11, c, 19) and valid
-    stowed = p[26]
+    stowed = p[STOWED]
     valid = valid and (stowed == 0.0 if force_line == GUIDED else stowed > 0.0)
-    c[37] = stowed
+    c[STOWED_LENGTH] = stowed
     for n in range(7):
         c[38 + n] = orbit[n]
     stiffness = energy = arm1 = arm2 = deformation = 0.0
@@ -97,10 +106,10 @@ def prepare(p, orbit, force_line, c, springs, x):
         springs[i, 1] = stowed * (1.0 - cb) - p[8]
         springs[i, 2] = radius * sa - stowed * springs[i, 8] - p[9]
         springs[i, 3], springs[i, 4], springs[i, 5] = radius * ca - p[17], -p[18], radius * sa - p[19]
-        springs[i, 9], springs[i, 10] = p[q + 2], p[q + 3]
-        springs[i, 11], springs[i, 12] = min(p[q + 4], p[q + 3]), p[q + 6]
+        springs[i, STIFFNESS], springs[i, DEFORMATION] = p[q + 2], p[q + 3]
+        springs[i, RELEASE_STROKE], springs[i, DELAY] = min(p[q + 4], p[q + 3]), p[q + 6]
         stiffness += p[q + 2]
-        energy += p[q + 2] * springs[i, 11] * (p[q + 3] - 0.5 * springs[i, 11])
+        energy += p[q + 2] * springs[i, RELEASE_STROKE] * (p[q + 3] - 0.5 * springs[i, RELEASE_STROKE])
         deformation = max(deformation, p[q + 3])
         arm1 = max(arm1, springs[i, 0] ** 2 + springs[i, 1] ** 2 + springs[i, 2] ** 2)
         arm2 = max(arm2, springs[i, 3] ** 2 + springs[i, 4] ** 2 + springs[i, 5] ** 2)
@@ -117,11 +126,11 @@ def prepare(p, orbit, force_line, c, springs, x):
     x[12], x[13], x[14], x[15] = a, b, d, e
     lever1 = arm1 * max(c[10], c[14], c[18])
     lever2 = arm2 * max(c[28], c[32], c[36])
-    square = stiffness * (c[0] + lever1 + lever2)
+    square = stiffness * (c[INVERSE_REDUCED_MASS] + lever1 + lever2)
     if force_line != GUIDED:
         square *= max(1.0, deformation / stowed)
     square += p[20] ** 2 + p[21] ** 2 + p[22] ** 2
-    return valid, math.sqrt(square), math.sqrt(2.0 * energy * c[0])
+    return valid, math.sqrt(square), math.sqrt(2.0 * energy * c[INVERSE_REDUCED_MASS])
 
 
 @njit(**KERNEL)
@@ -146,6 +155,8 @@ def point_motion(x, system, i):
 def release_prediction(s, rate, acceleration, stroke, square):
     """Time until the stroke is reached [s], from harmonic motion of squared frequency `square` to fifth order."""
     gap = stroke - s
+    if gap <= 0.0:
+        return 0.0
     h = (
         gap / max(rate, 1e-300)
         if acceleration <= 0.0
@@ -174,7 +185,7 @@ def reached_release(x, system, k, expected):
     for i in range(system.springs.shape[0]):
         if system.active[i]:
             s, rate, _ = seat_motion(x, k, 0, system, i)
-            gap = system.springs[i, 11] - s
+            gap = system.springs[i, RELEASE_STROKE] - s
             if (gap <= 0.0 or i == expected) and rate > 0.0 and gap / rate < time:
                 spring, time = i, gap / rate
     return spring, time
@@ -212,7 +223,7 @@ def locate_exit(t, x, h, system, work, i, short, out):
     for _ in range(8):
         full_step(FOURTH_ORDER if abs(h) <= short else EIGHTH_ORDER, t, x, h, work, system, out)
         _, ay, _, _, vy, _ = point_motion(out, system, i)
-        change = (system.parameters[28] - ay) / vy
+        change = (system.parameters[RECESS_DEPTH] - ay) / vy
         h += change
         if abs(change) < 1e-10:
             # At lateral velocities of 0.1 m/s this is 1e-11 m of clearance.
@@ -240,7 +251,7 @@ def follow_points(step, tape, system, work, follow, short, room):
     Returns how many points left.
     """
     t, h, x, new = tape.t[step], tape.h[step], tape.x[step], tape.x[step + 1]
-    depth, radius = system.parameters[28], system.parameters[27]
+    depth, radius = system.parameters[RECESS_DEPTH], system.parameters[RECESS_RADIUS]
     left = 0
     for i in range(system.points.shape[0]):
         if follow.step[i] >= 0:
@@ -333,23 +344,23 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
     x[16], x[17], x[18], x[19] = attitude[0], attitude[1], attitude[2], attitude[3]
     valid, frequency, velocity = prepare(p, orbit, system.force_line, system.c, springs, x)
     inside = system.points.shape[0]
-    if not valid or (inside > 0 and not (p[27] > 0.0 and p[28] > 0.0)):
+    if not valid or (inside > 0 and not (p[RECESS_RADIUS] > 0.0 and p[RECESS_DEPTH] > 0.0)):
         return INVALID_PARAMETERS, 0, 0
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
     short = (0.6 * tolerance) ** 0.2 / frequency
     h_next = 2.0 * tolerance**0.125 / frequency
-    stroke = springs[0, 11]
+    stroke = springs[0, RELEASE_STROKE]
     to_release = springs.shape[0]
     for i in range(to_release):
-        stroke = min(stroke, springs[i, 11])
-        active[i] = springs[i, 12] <= 0.0
+        stroke = min(stroke, springs[i, RELEASE_STROKE])
+        active[i] = springs[i, DELAY] <= 0.0
         pending[i] = not active[i]
         release_time[i] = np.nan
     follow.closest[0] = np.inf
     for i in range(inside):
         follow.step[i] = -1
         ax, _, az, _, _, _ = point_motion(x, system, i)
-        note_clearance(follow, p[27] - math.sqrt(ax * ax + az * az), i, AT_START, 0, 0.0, x)
+        note_clearance(follow, p[RECESS_RADIUS] - math.sqrt(ax * ax + az * az), i, AT_START, 0, 0.0, x)
     stop, last, step, t = 0, 0, 0, 0.0
     tape.t[0] = 0.0
     while to_release > 0 or inside > 0 or stop < stops.shape[0]:
@@ -363,8 +374,8 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
                 return NO_RELEASE if to_release > 0 else NO_EXIT, step, last
             boundary = horizon
         for i in range(pending.shape[0]):
-            if pending[i] and springs[i, 12] < boundary:
-                boundary, event, which = springs[i, 12], PUSH_STARTS, i
+            if pending[i] and springs[i, DELAY] < boundary:
+                boundary, event, which = springs[i, DELAY], PUSH_STARTS, i
         if boundary == np.inf:
             boundary = stops[-1]
         limit = boundary - t  # a correction onto a release may have passed the boundary by less than a short step
@@ -373,14 +384,14 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
         square = 0.0
         for i in range(active.shape[0]):
             if active[i]:
-                square += springs[i, 9] * system.c[0]
+                square += springs[i, STIFFNESS] * system.c[INVERSE_REDUCED_MASS]
         target, expected = np.inf, -1
         for i in range(active.shape[0]):
             if active[i]:
                 s, rate, acceleration = seat_motion(x, work.k, 0, system, i)
                 if s < -PENETRATION_LIMIT:
                     return PENETRATION, step, last
-                time = 0.0 if s >= springs[i, 11] else release_prediction(s, rate, acceleration, springs[i, 11], square)
+                time = release_prediction(s, rate, acceleration, springs[i, RELEASE_STROKE], square)
                 if time < target:
                     target, expected = time, i
         if target > 1e-15:
@@ -391,7 +402,7 @@ def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape,
                 for i in range(follow.step.shape[0]):
                     if follow.step[i] < 0:
                         _, ay, _, _, vy, _ = point_motion(x, system, i)
-                        ahead = max(ahead, (p[28] - ay) / vy) if vy > 0.0 else np.inf
+                        ahead = max(ahead, (p[RECESS_DEPTH] - ay) / vy) if vy > 0.0 else np.inf
                 h = min(h, 1.0001 * ahead + 1e-9)
             for n in range(3):
                 work.scale[n] = tolerance * stroke

@@ -14,7 +14,8 @@ from numba import njit
 from scipy.integrate import DOP853
 
 from satsep_ot.dynamics.compilation import KERNEL
-from satsep_ot.dynamics.rigid_body import STATE_SIZE, derivative
+from satsep_ot.dynamics.rigid_body import derivative
+from satsep_ot.dynamics.system import STATE_SIZE
 
 STAGES = 12
 EIGHTH_ORDER, FOURTH_ORDER = 0, 1

@@ -1,7 +1,7 @@
 """Quantities of interest of a separation.
 
 Each is one function of the base: what a run leaves behind (columns of a (n, B) array, SI, radians): the state at the
-last release (see `satsep_ot.dynamics.rigid_body`), its time, the smallest clearance, and the clearance of each
+last release (see `satsep_ot.dynamics.system`), its time, the smallest clearance, and the clearance of each
 followed envelope point at the instant at which it leaves the recess. A new quantity is one row of `QUANTITIES`.
 """
 
@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from satsep_ot.dynamics.rigid_body import STATE_SIZE
+from satsep_ot.dynamics.system import STATE_SIZE
 
 TIME, CLEARANCE = STATE_SIZE, STATE_SIZE + 1
 DEGREES = 180.0 / math.pi

@@ -1,54 +1,27 @@
-"""Newton-Euler equations of the two bodies, reduced to their relative motion, and the reverse-mode derivative of them.
+"""Newton-Euler equations of the two bodies, reduced to their relative motion.
 
 Hu et al. (2017), equations 1, 2, 9 and 10, with the reaction on the platform added. Free of cancellation: nothing but
 the relative position (metres) is integrated, never coordinates of 7e6 m.
-
-State of a run (20 numbers, SI, radians), platform axes unless said:
-
-====== ==========================================================================================
-0-2    d, position of the satellite's CG from the platform's CG
-3-5    w, inertial relative velocity of the CGs
-6-8    platform body rates
-9-11   satellite body rates, satellite axes
-12-15  Q, quaternion from satellite to platform axes
-16-19  q1, quaternion from platform to inertial axes
-====== ==========================================================================================
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from satsep_ot.dynamics.compilation import KERNEL
 from satsep_ot.dynamics.gravity import differential_gravity, gradient_torque, orbit_position
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.springs import push_direction
-
-STATE_SIZE = 20
-
-# Constants of a run: inverse reduced mass, inertia tensors and their inverses (row by row), stowed length, then the
-# orbit of the platform's CG (gravitational parameter, ECI position and velocity).
-INVERSE_REDUCED_MASS = 0
-PLATFORM_INERTIA, PLATFORM_INVERSE_INERTIA, SATELLITE_INERTIA, SATELLITE_INVERSE_INERTIA = 1, 10, 19, 28
-STOWED_LENGTH = 37
-ORBIT = 38
-CONSTANT_SIZE = 45
-
-NO_GRAVITY, GRAVITY, GRAVITY_WITH_TORQUE = 0, 1, 2
-
-
-class System(NamedTuple):
-    """What the right-hand side depends on, beside time and state."""
-
-    parameters: np.ndarray  # the flat parameter vector of the run
-    c: np.ndarray  # constants made from it, see above
-    springs: np.ndarray  # spring table (N, SPRING_COLUMNS)
-    active: np.ndarray  # which springs push now
-    points: np.ndarray  # envelope points that start in the recess (E, 3), from the satellite's ring centre
-    force_line: int
-    gravity: int
+from satsep_ot.dynamics.system import (
+    DEFORMATION,
+    INVERSE_REDUCED_MASS,
+    ORBIT,
+    PLATFORM_INERTIA,
+    PLATFORM_INVERSE_INERTIA,
+    SATELLITE_INERTIA,
+    SATELLITE_INVERSE_INERTIA,
+    STIFFNESS,
+)
 
 
 @njit(**KERNEL)
@@ -79,7 +52,7 @@ def spring_sums(x, r, system):
             bx, by, bz = r00 * u + r01 * v + r02 * w, r10 * u + r11 * v + r12 * w, r20 * u + r21 * v + r22 * w
             qx, qy, qz = x[0] + bx, x[1] + by, x[2] + bz
             s, nx, ny, nz = push_direction(system, i, qx, qy, qz)
-            f = springs[i, 9] * (springs[i, 10] - s)
+            f = springs[i, STIFFNESS] * (springs[i, DEFORMATION] - s)
             nx, ny, nz = f * nx, f * ny, f * nz
             fx += nx
             fy += ny
@@ -103,11 +76,11 @@ def derivative(t, x, k, row, system):
     # The moment on the satellite, from platform into satellite axes.
     sx, sy, sz = r00 * sx + r10 * sy + r20 * sz, r01 * sx + r11 * sy + r21 * sz, r02 * sx + r12 * sy + r22 * sz
     o1x, o1y, o1z, o2x, o2y, o2z = x[6], x[7], x[8], x[9], x[10], x[11]
-    h1x, h1y, h1z = times(c, 1, o1x, o1y, o1z)
-    h2x, h2y, h2z = times(c, 19, o2x, o2y, o2z)
-    ax, ay, az = c[0] * fx, c[0] * fy, c[0] * fz
+    h1x, h1y, h1z = times(c, PLATFORM_INERTIA, o1x, o1y, o1z)
+    h2x, h2y, h2z = times(c, SATELLITE_INERTIA, o2x, o2y, o2z)
+    ax, ay, az = c[INVERSE_REDUCED_MASS] * fx, c[INVERSE_REDUCED_MASS] * fy, c[INVERSE_REDUCED_MASS] * fz
     if gravity != 0:
-        ex, ey, ez = orbit_position(t, c[38], c[39], c[40], c[41], c[42], c[43], c[44])
+        ex, ey, ez = orbit_position(t, c[ORBIT], c[39], c[40], c[41], c[42], c[43], c[44])
         p = rotation_matrix_elements(x[16], x[17], x[18], x[19])
         # Position of the platform's CG from the Earth's centre, in platform axes.
         ex, ey, ez = (
@@ -116,18 +89,18 @@ def derivative(t, x, k, row, system):
             p[2] * ex + p[5] * ey + p[8] * ez,
         )
         squared = ex * ex + ey * ey + ez * ez
-        rate = c[38] / (squared * math.sqrt(squared))
+        rate = c[ORBIT] / (squared * math.sqrt(squared))
         gx, gy, gz = differential_gravity(rate, ex, ey, ez, x[0], x[1], x[2])
         ax, ay, az = ax + gx, ay + gy, az + gz
         if gravity == 2:
             inverse = 1.0 / math.sqrt(squared)
             nx, ny, nz = ex * inverse, ey * inverse, ez * inverse
-            mx, my, mz = times(c, 1, nx, ny, nz)
+            mx, my, mz = times(c, PLATFORM_INERTIA, nx, ny, nz)
             mx, my, mz = gradient_torque(rate, nx, ny, nz, mx, my, mz)
             px, py, pz = px + mx, py + my, pz + mz
             # The same direction serves both bodies: they are metres apart at 7e6 m.
             ux, uy, uz = r00 * nx + r10 * ny + r20 * nz, r01 * nx + r11 * ny + r21 * nz, r02 * nx + r12 * ny + r22 * nz
-            mx, my, mz = times(c, 19, ux, uy, uz)
+            mx, my, mz = times(c, SATELLITE_INERTIA, ux, uy, uz)
             mx, my, mz = gradient_torque(rate, ux, uy, uz, mx, my, mz)
             sx, sy, sz = sx + mx, sy + my, sz + mz
     vx, vy, vz = cross(o1x, o1y, o1z, x[0], x[1], x[2])
@@ -135,9 +108,9 @@ def derivative(t, x, k, row, system):
     vx, vy, vz = cross(o1x, o1y, o1z, x[3], x[4], x[5])
     k[row, 3], k[row, 4], k[row, 5] = ax - vx, ay - vy, az - vz
     vx, vy, vz = cross(o1x, o1y, o1z, h1x, h1y, h1z)
-    k[row, 6], k[row, 7], k[row, 8] = times(c, 10, px - vx, py - vy, pz - vz)
+    k[row, 6], k[row, 7], k[row, 8] = times(c, PLATFORM_INVERSE_INERTIA, px - vx, py - vy, pz - vz)
     vx, vy, vz = cross(o2x, o2y, o2z, h2x, h2y, h2z)
-    k[row, 9], k[row, 10], k[row, 11] = times(c, 28, sx - vx, sy - vy, sz - vz)
+    k[row, 9], k[row, 10], k[row, 11] = times(c, SATELLITE_INVERSE_INERTIA, sx - vx, sy - vy, sz - vz)
     # Equation 3 as quaternions: Q' = (Q (x) [0, omega_2] - [0, omega_1] (x) Q) / 2 and q1' = q1 (x) [0, omega_1] / 2.
     w, u, v, z = x[12], x[13], x[14], x[15]
     k[row, 12] = 0.5 * (-u * (o2x - o1x) - v * (o2y - o1y) - z * (o2z - o1z))

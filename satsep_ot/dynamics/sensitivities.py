@@ -22,10 +22,20 @@ from satsep_ot.dynamics.compilation import KERNEL
 from satsep_ot.dynamics.flight import AT_EXIT, AT_START, INSIDE, NOTHING, PUSH_STARTS, RELEASE, point_motion
 from satsep_ot.dynamics.gravity import orbit_position
 from satsep_ot.dynamics.integration import EIGHTH_ORDER, STAGE_NUMBER, A, B, C, stages
-from satsep_ot.dynamics.rigid_body import STATE_SIZE, cross, derivative, seat_motion, spring_sums, times
+from satsep_ot.dynamics.rigid_body import cross, derivative, seat_motion, spring_sums, times
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
-from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE
-from satsep_ot.dynamics.springs import GUIDED, push_direction
+from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE, STOWED
+from satsep_ot.dynamics.springs import push_direction
+from satsep_ot.dynamics.system import (
+    DEFORMATION,
+    GUIDED,
+    INVERSE_REDUCED_MASS,
+    ORBIT,
+    PLATFORM_INERTIA,
+    SATELLITE_INERTIA,
+    STATE_SIZE,
+    STIFFNESS,
+)
 
 LANES = 8  # outputs differentiated together: one vector register of the processor
 
@@ -118,7 +128,7 @@ def spring_adjoint(x, r, i, s, m, g, system):
     qx, qy, qz = x[0] + bx, x[1] + by, x[2] + bz
     stroke, ex, ey, ez = push_direction(system, i, qx, qy, qz)
     dx, dy, dz = qx - springs[i, 0], qy - springs[i, 1], qz - springs[i, 2]
-    stiffness, compression = springs[i, 9], springs[i, 10] - stroke
+    stiffness, compression = springs[i, STIFFNESS], springs[i, DEFORMATION] - stroke
     f = stiffness * compression
     fx, fy, fz = f * ex, f * ey, f * ez
     guided = 1.0 if system.force_line == GUIDED else 0.0
@@ -172,10 +182,10 @@ def spring_adjoint(x, r, i, s, m, g, system):
 
 
 @njit(**KERNEL)
-def body_adjoint(c, inertia, o, alpha, n_bar, row, out, at, g, g_row):
+def body_adjoint(c, inertia, o, slope, n_bar, row, out, at, g, g_row):
     """Adjoint of I w' = M - w x I w: from that of w', n_bar[row:row+3], to those of M (written there), w and I."""
     o0, o1, o2 = o
-    a0, a1, a2 = alpha
+    a0, a1, a2 = slope[at], slope[at + 1], slope[at + 2]
     h0, h1, h2 = times(c, inertia, o0, o1, o2)
     k = inertia + 9
     i00, i01, i02 = c[inertia], c[inertia + 1], c[inertia + 2]
@@ -205,17 +215,17 @@ def body_adjoint(c, inertia, o, alpha, n_bar, row, out, at, g, g_row):
 def gravity_adjoint(t, x, r, kb, s, m, g, out, system):
     """Add what gravity contributes, to first order in |d| / |r| (1e-7 of an acceleration of 1e-6 m/s2)."""
     c = system.c
-    ex, ey, ez = orbit_position(t, c[38], c[39], c[40], c[41], c[42], c[43], c[44])
+    ex, ey, ez = orbit_position(t, c[ORBIT], c[39], c[40], c[41], c[42], c[43], c[44])
     radius = math.sqrt(ex * ex + ey * ey + ez * ez)
-    rate = c[38] / (radius * radius * radius)
+    rate = c[ORBIT] / (radius * radius * radius)
     ex, ey, ez = ex / radius, ey / radius, ez / radius
     p = rotation_matrix_elements(x[16], x[17], x[18], x[19])
     nx, ny, nz = p[0] * ex + p[3] * ey + p[6] * ez, p[1] * ex + p[4] * ey + p[7] * ez, p[2] * ex + p[5] * ey + p[8] * ez
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
     ux, uy, uz = r00 * nx + r10 * ny + r20 * nz, r01 * nx + r11 * ny + r21 * nz, r02 * nx + r12 * ny + r22 * nz
     torque = 3.0 * rate if system.gravity == 2 else 0.0
-    ax, ay, az = times(c, 1, nx, ny, nz)
-    bx, by, bz = times(c, 19, ux, uy, uz)
+    ax, ay, az = times(c, PLATFORM_INERTIA, nx, ny, nz)
+    bx, by, bz = times(c, SATELLITE_INERTIA, ux, uy, uz)
     dx, dy, dz = x[0], x[1], x[2]
     along = nx * dx + ny * dy + nz * dz
     for n in range(LANES):
@@ -289,7 +299,7 @@ def derivative_adjoint(t, x, slope, adjoint, out, system):
     r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
     fx, fy, fz, sx, sy, sz, _, _, _ = spring_sums(x, r, system)
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    inverse_mass = c[0]
+    inverse_mass = c[INVERSE_REDUCED_MASS]
     d0, d1, d2, v0, v1, v2 = x[0], x[1], x[2], x[3], x[4], x[5]
     p0, p1, p2, o0, o1, o2 = x[6], x[7], x[8], x[9], x[10], x[11]
     q0, q1, q2, q3 = x[12], x[13], x[14], x[15]
@@ -334,8 +344,8 @@ def derivative_adjoint(t, x, slope, adjoint, out, system):
         out[9, n], out[10, n], out[11, n] = u0 + y0, u1 + y1, u2 + y2
         for j in range(6):
             s[12 + j, n] = kb[6 + j, n]
-    body_adjoint(c, 1, (p0, p1, p2), (slope[6], slope[7], slope[8]), s, 12, out, 6, g, G_PLATFORM_INERTIA)
-    body_adjoint(c, 19, (o0, o1, o2), (slope[9], slope[10], slope[11]), s, 15, out, 9, g, G_SATELLITE_INERTIA)
+    body_adjoint(c, PLATFORM_INERTIA, (p0, p1, p2), slope, s, 12, out, 6, g, G_PLATFORM_INERTIA)
+    body_adjoint(c, SATELLITE_INERTIA, (o0, o1, o2), slope, s, 15, out, 9, g, G_SATELLITE_INERTIA)
     for n in range(LANES):
         # The moment on the platform as it is, that on the satellite turned by R^T.
         s[6, n], s[7, n], s[8, n] = s[12, n], s[13, n], s[14, n]
@@ -567,7 +577,7 @@ def initial_adjoint(system, x, adjoint, tail, block, gradients):
 def parameter_adjoint(system, lane, g, tail, gradient):
     """From the adjoints of the constants of a run to those of its parameters; see `prepare`."""
     p = system.parameters
-    stowed = p[26]
+    stowed = p[STOWED]
     g_stowed = g[G_STOWED, lane]
     for body in range(2):
         k, q = 10 * body, 1 + 9 * body

@@ -10,11 +10,18 @@ from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
 from satsep_ot.dynamics.integration import STAGES, Work
 from satsep_ot.dynamics.quantities import quantity_table
-from satsep_ot.dynamics.rigid_body import CONSTANT_SIZE, GRAVITY, GRAVITY_WITH_TORQUE, NO_GRAVITY, STATE_SIZE, System
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.sensitivities import G_SPRING_SIZE, G_SPRINGS, LANES, Adjoint, adjoint_sweep
 from satsep_ot.dynamics.separation import Separation, Status, invalid_parameter
-from satsep_ot.dynamics.springs import SPRING_COLUMNS
+from satsep_ot.dynamics.system import (
+    CONSTANT_SIZE,
+    GRAVITY,
+    GRAVITY_WITH_TORQUE,
+    NO_GRAVITY,
+    SPRING_COLUMNS,
+    STATE_SIZE,
+    System,
+)
 
 CHUNK = 64  # runs that share their working arrays; the result of a run does not depend on it
 
@@ -338,7 +345,7 @@ class Trajectory:
     status : Status
     times : ndarray, shape (T,) [s]
     states : ndarray, shape (T, 20)
-        See `satsep_ot.dynamics.rigid_body`.
+        See `satsep_ot.dynamics.system`.
     release_times : ndarray, shape (N,) [s]
     last_release : ndarray, shape (20,)
         The state at the last release.
