@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -219,6 +220,10 @@ def _study(options):
     from satsep_ot.model.separation_problem import SeparationProblem
     from satsep_ot.studies.separation_study import SeparationStudy
 
+    # A directory that cannot be written to is refused before the work, not after it.
+    options.output.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=options.output):
+        pass
     study = SeparationStudy(SeparationProblem(case), options.methods, options.seed, options.runs)
     with _progress() as show:
         study.setProgressCallback(show)
@@ -228,6 +233,10 @@ def _study(options):
         show("done", 1.0)
     console = _console()
     console.print(_study_table(case.name, study.getRows()))
+    console.print("[bold]Remarks[/bold]")
+    for line in _study_remarks(study.getRows()):
+        console.print(line)
+    console.print()
     for remark in study.getRemarks():
         console.print(f"[bold]![/bold] {_plain(remark)}")
     console.print(f"\nwritten to {_plain(str(options.output))}: {', '.join(path.name for path in paths)}")
@@ -267,25 +276,34 @@ def _progress():
 
 
 def _study_table(name, rows):
-    table = _table(
-        f"Probability of violating a requirement: {_plain(name)}", "requirement", "method", ">probability",
-        ">95 % interval", ">evaluations", ">gradients", ">seconds", "remark",
-    )  # fmt: skip
+    table = _table(f"Probability of violating a requirement: {_plain(name)}", "method")
+    # Narrow enough for a terminal of 80 columns.
+    table.pad_edge, table.show_edge, table.collapse_padding = False, False, True
+    for column in ("probability", "95 % interval", "evaluations", "gradients", "seconds"):
+        table.add_column(_plain(column), justify="right", no_wrap=True)
+    table.columns[0].no_wrap = True
     for row in rows:
-        first = row["method"] == rows[0]["method"]
+        if row["method"] == rows[0]["method"]:
+            table.add_row(f"[bold]{_plain(row['requirement'])}[/bold]")
         probability, lower = row["probability"], row["lower95"]
         table.add_row(
-            _plain(row["requirement"]) if first else "",
             row["method"],
             "none" if probability is None else f"{probability:.3e}",
-            "" if lower is None else f"{lower:.2e} .. {row['upper95']:.2e}",
+            "none" if lower is None else f"{lower:.2e}..{row['upper95']:.2e}",
             f"{row['evaluations']:,}",
             f"{row['gradients']:,}",
             f"{row['seconds']:.1f}",
-            _plain(("" if row["converged"] else "not converged: ") + row["note"]),
-            end_section=row["method"] == rows[-1]["method"],
         )
     return table
+
+
+def _study_remarks(rows):
+    """What each row's numbers do not say, a line each, requirement by requirement."""
+    for row in rows:
+        if row["method"] == rows[0]["method"]:
+            yield f"[bold]{_plain(row['requirement'])}[/bold]"
+        text = row["note"] if row["converged"] else f"[bold]not converged[/bold]: {_plain(row['note'])}"
+        yield f"  {row['method']}: {text}"
 
 
 def _nominal_run(case):

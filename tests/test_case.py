@@ -356,3 +356,8 @@ def test_mutated_cases_are_read_or_refused():
 def test_an_envelope_that_never_was_in_the_recess():
     text = changed("half_width = 350.0", "points = [[0.0, 300.0, 0.0]] #").replace("height = 800.0", "")
     assert "no point lies in the recess" in refusal(text)
+
+
+def test_the_name_of_the_system_event_is_taken():
+    text = changed('name = "spin"', 'name = "any requirement"')
+    assert "name = 'any requirement'" in refusal(text).replace('"', "'")

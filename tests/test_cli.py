@@ -187,6 +187,30 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
     }  # fmt: skip
 
 
+def test_study_table_fits_a_terminal_of_80_columns():
+    from rich.console import Console
+
+    row = {
+        "requirement": "lateral rate", "method": "ActiveSubspace", "probability": 2.5e-4, "lower95": 2.25e-4,
+        "upper95": 2.75e-4, "evaluations": 500000, "gradients": 117, "seconds": 123.4, "converged": True, "note": "",
+    }  # fmt: skip
+    console = Console(width=80, highlight=False)
+    with console.capture() as capture:
+        console.print(cli._study_table("reference", [row, {**row, "method": "SubsetSampling", "lower95": None}]))
+    text = capture.get()
+    for words in ("ActiveSubspace", "SubsetSampling", "2.500e-04", "2.25e-04..2.75e-04", "500,000", "123.4", "none", "seconds"):
+        assert words in text
+
+
+def test_study_refuses_a_directory_that_cannot_be_made(tmp_path, capsys):
+    scatter = (
+        '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.01 }\n'
+        '[[requirements]]\nname = "speed"\nquantity = "axial_velocity"\nminimum = 0.1\n'
+    )
+    path = small(tmp_path, scatter)
+    assert "Not a directory" in refused(["study", path, "--output", path + "/below"], capsys)
+
+
 def test_study_refuses_a_file_as_its_directory(tmp_path, capsys):
     scatter = (
         '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.01 }\n'

@@ -163,3 +163,23 @@ def test_tables_and_graph_hold_every_row():
 def test_unknown_method_is_refused():
     with pytest.raises(ValueError, match="MonteCarlo"):
         c.ReliabilityComparison(Recorder().event, ["Magic"])
+
+
+def test_subset_sampling_that_stops_short_of_the_event_has_no_probability():
+    """The variable never comes near the threshold: the product of the levels is not the probability of the event."""
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(["x"], ["1e-14 * sin(x)"]), ot.RandomVector(ot.Normal()))
+    comparison = c.ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 2.0), ["SubsetSampling"])
+    comparison.run()
+    row = comparison.getResult().getRow("SubsetSampling")
+    assert row.probability is None
+    assert not row.converged
+
+
+def test_an_interrupt_inside_form_ends_the_comparison():
+    def interrupted(x):
+        raise KeyboardInterrupt
+
+    vector = ot.CompositeRandomVector(ot.PythonFunction(2, 1, interrupted), ot.RandomVector(ot.Normal(2)))
+    comparison = c.ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 2.0), ["FORM"])
+    with pytest.raises(KeyboardInterrupt):
+        comparison.run()

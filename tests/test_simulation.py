@@ -130,7 +130,8 @@ def test_delay_of_all_springs_shifts_everything():
 def test_releases_that_nearly_coincide(delays):
     outcome = simulate(symmetric_separation(springs=Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, delay=delays)))
     assert outcome.status[0] == Status.OK
-    assert (np.diff(np.sort(outcome.release_times[0])) >= 0.0).all()
+    shifted = simulate(symmetric_separation()).release_times[0] + np.mean(delays)
+    np.testing.assert_allclose(outcome.release_times[0], shifted, atol=5e-5)
 
 
 def test_equal_cants_spin_up_the_satellite():

@@ -134,6 +134,12 @@ class ReliabilityMethod(abc.ABC):
         return f"{type(self).__name__}({settings})"
 
 
+def _raiseInterrupt(error):
+    """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
+    if "KeyboardInterrupt" in str(error):
+        raise KeyboardInterrupt from error
+
+
 def _logNormalInterval(probability, variation):
     width = 1.959963984540054 * math.sqrt(math.log1p(variation**2))
     return probability * math.exp(-width), min(probability * math.exp(width), 1.0)
@@ -230,6 +236,7 @@ class FORM(ReliabilityMethod):
             try:
                 algorithm.run()
             except RuntimeError as error:
+                _raiseInterrupt(error)
                 notes.append(f"{solver.getClassName()}: {error}")
                 continue
             result = algorithm.getResult()
@@ -312,8 +319,15 @@ class SimulationMethod(ReliabilityMethod):
         probability, variation = result.getProbabilityEstimate(), result.getCoefficientOfVariation()
         if not (probability > 0.0 and 0.0 <= variation < math.inf):
             return Row(self.name, note=f"no usable estimate: probability {probability:g} with variation {variation:g}")
+        incomplete = self.incomplete(problem, algorithm)
+        if incomplete:
+            return Row(self.name, note=incomplete)
         lower, upper = _logNormalInterval(probability, variation)
         return Row(self.name, probability, lower, upper, variation, converged=True, note=self.interval_note)
+
+    def incomplete(self, problem: CountedProblem, algorithm) -> str:
+        """Why the result does not stand for the event; empty when it does."""
+        return ""
 
 
 class SubsetSampling(SimulationMethod):
@@ -341,6 +355,13 @@ class SubsetSampling(SimulationMethod):
         algorithm.setMaximumOuterSampling(math.ceil(self.levelSize / block))
         algorithm.setConditionalProbability(self.conditionalProbability)
         return algorithm
+
+    def incomplete(self, problem, algorithm):
+        # OpenTURNS reports the product of its levels also where they stop short of the event.
+        reached = algorithm.getThresholdPerStep()[-1]
+        if reached == problem.event.getThreshold():
+            return ""
+        return f"the levels ended at {reached:g}, short of the threshold {problem.event.getThreshold():g}"
 
 
 class ImportanceSampling(SimulationMethod):
@@ -547,9 +568,7 @@ class ReliabilityComparison:
         try:
             row = method.run(self._problem(counter, report))
         except Exception as error:
-            # OpenTURNS turns an interrupt inside a Python function into a RuntimeError.
-            if "KeyboardInterrupt" in str(error):
-                raise KeyboardInterrupt from error
+            _raiseInterrupt(error)
             row = Row(method.name, note=f"{type(error).__name__}: {error}")
         row.seconds = time.perf_counter() - start
         row.evaluations, row.gradients = counter.evaluations, counter.gradients
@@ -613,6 +632,13 @@ class ReliabilityComparisonResult:
     Parameters
     ----------
     rows : list of Row
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import ReliabilityComparisonResult, Row
+    >>> result = ReliabilityComparisonResult([Row("FORM", 1e-3, evaluations=12, converged=True)])
+    >>> print(result.toCSV().splitlines()[1])
+    FORM,0.001,,,,12,0,0.0,True,
     """
 
     def __init__(self, rows: list[Row]):

@@ -248,7 +248,7 @@ class ActiveSubspaceReliability:
         self._checkComposition(self._initial)
         margins = self._initial.margins[self._initial.finite]
         if len(margins) == 0 or np.ptp(margins) == 0.0:
-            self._finishFromNominalRuns(True, "the event's variable is constant in all runs, so nothing can be learnt")
+            self._finishFromNominalRuns(False, "the event's variable is constant in all runs, so nothing can be learnt")
             return
         self._nominalSpread = float(margins.std())
         self._limitState.dropUnusedOutputs(self._initial.outputs[self._initial.finite])
@@ -472,7 +472,7 @@ class ActiveSubspaceReliability:
         """Whether subset simulation would be more exact with the remaining runs, by its usual error (Au and Beck)."""
         ours = math.sqrt(proposal.runVariance() / max(remaining, 1)) / proposal.probability
         levels = max(-math.log10(min(proposal.probability, 0.1)), 1.0)
-        subset = levels * math.sqrt(9.0 * 3.0 * levels / max(remaining, 1)) ** 1.0
+        subset = levels * math.sqrt(9.0 * 3.0 * levels / max(remaining, 1))
         return ours > max(subset, self._targetCoefficientOfVariation)
 
     # Ways to end. ----------------------------------------------------------------------------------------------------

@@ -112,7 +112,22 @@ class Estimate:
 
 
 class ActiveSubspaceReliabilityResult:
-    """Result of :class:`~satsep_ot.methods.reliability.ActiveSubspaceReliability`; made by its ``run()``."""
+    """Result of :class:`~satsep_ot.methods.reliability.ActiveSubspaceReliability`; made by its ``run()``.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.reliability import ActiveSubspaceReliability
+    >>> ot.RandomGenerator.SetSeed(0)
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["a + b"]), ot.RandomVector(ot.Normal(2)))
+    >>> algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 4.0))
+    >>> algorithm.run()
+    >>> result = algorithm.getResult()
+    >>> result.getConfidenceInterval(0.95).contains([ot.Normal().computeComplementaryCDF(4.0 / 2.0**0.5)])
+    True
+    >>> result.getEvaluationNumber() == sum(result.getPhases().values())
+    True
+    """
 
     def __init__(
         self,

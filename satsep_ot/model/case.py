@@ -42,7 +42,21 @@ _PUSHES = {
 
 
 class CaseError(ValueError):
-    """A case file cannot be used; the message names the file, the key, what was given and what is allowed."""
+    """A case file cannot be used; the message names the file, the key, what was given and what is allowed.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import CaseError, load_case
+    >>> try:
+    ...     load_case("nothing.toml")
+    ... except CaseError as error:
+    ...     print("there is no such file" in str(error))
+    True
+    """
+
+
+# The name under which the violation of any requirement is reported.
+SYSTEM = "any requirement"
 
 
 @dataclass(frozen=True)
@@ -650,6 +664,8 @@ def _requirements(root, separation):
         name = table.text("name", quantity)
         if any(other.name == name for other in requirements):
             raise table.error("name", name, "different from the names of the other requirements")
+        if name == SYSTEM:
+            raise table.error("name", name, "another name: this one stands for the violation of any of them")
         limit = table.number(limits[0], known[quantity].unit)
         requirements.append(Requirement(name, quantity, limit, limits[0] == "maximum", allowed))
     return tuple(requirements)

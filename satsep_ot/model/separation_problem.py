@@ -4,7 +4,7 @@ import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.simulation import simulate
-from satsep_ot.model.case import CaseError, Requirement, load_uncertain_case
+from satsep_ot.model.case import SYSTEM, CaseError, Requirement, load_uncertain_case
 from satsep_ot.model.inputs import did_you_mean, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 
@@ -144,7 +144,7 @@ class SeparationProblem:
             If the case has no requirements.
         """
         function, composition, _, _ = self.getComponents(None)
-        return self._event(ot.ComposedFunction(composition, function), ot.Less(), 0.0, "any requirement")
+        return self._event(ot.ComposedFunction(composition, function), ot.Less(), 0.0, SYSTEM)
 
     def getComponents(self, requirement=None):
         """The smooth components behind an event, and how they make up the variable that the event compares.

@@ -16,14 +16,15 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.methods.active_dimension import energy_dimension
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.methods.reliability_result import clopperPearson
+from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.studies import figures
 
-SYSTEM = "any requirement"
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 
 # What FORM and SORM cannot see, by the quantity of a requirement.
@@ -158,9 +159,9 @@ class SeparationStudy:
             algorithm.run()
             if algorithm.getResult().getDimension() == 0:
                 continue
-            # The gaps of a noise-free simulator show directions that hardly matter to the output: those that carry 99 %
+            # The gaps of a noise-free simulator show directions that hardly matter to the output: those that carry 95 %
             # of the gradient's energy are enough for the regression, and its band shows what they leave out.
-            algorithm.setDimension(algorithm.getResult().getDimensionChoices()["energy"])
+            algorithm.setDimension(energy_dimension(algorithm.getResult().getEigenvalues(), 0.95))
             algorithm.run()
             subspace = algorithm.getResult()
             active = points @ np.array(subspace.getDirections())
@@ -179,7 +180,6 @@ class SeparationStudy:
                 self._progress(f"{requirement}: {name}", 0.35 + 0.6 * done)
                 row = self._runMethod(requirement, name)
                 self._rows.append({"requirement": requirement, **dataclasses.asdict(row)})
-        self._progress("done", 1.0)
 
     def _runMethod(self, requirement, name):
         arguments = () if requirement == SYSTEM else (requirement,)
@@ -272,20 +272,12 @@ class SeparationStudy:
         """
         directory = Path(directory)
         directory.mkdir(parents=True, exist_ok=True)
-        drawn = self.drawFigures()
-        paths = []
         text = json.dumps(self.getResults(), indent=2, allow_nan=False) + "\n"
-        for name, write in [
-            ("results.json", lambda path: path.write_text(text, encoding="utf-8")),
-            *((f"{name}.png", lambda path, name=name: figures.save_figure(drawn[name], path)) for name in drawn),
-        ]:
-            temporary = directory / f".{name}.{os.getpid()}{Path(name).suffix}"
-            try:
-                write(temporary)
-                os.replace(temporary, directory / name)
-            finally:
-                temporary.unlink(missing_ok=True)
-            paths.append(directory / name)
+        paths = [_write_whole(directory / "results.json", lambda path: path.write_text(text, encoding="utf-8"))]
+        for name, figure in self.drawFigures().items():
+            paths.append(
+                _write_whole(directory / f"{name}.png", lambda path, figure=figure: figures.save_figure(figure, path))
+            )
         return paths
 
     def drawFigures(self):
@@ -306,14 +298,17 @@ class SeparationStudy:
         return drawn
 
     def _densities(self, units):
-        """Arguments of `draw_density` for the quantity of each requirement: the sample and the surrogate's law."""
+        """Arguments of `draw_density` for each requirement's quantity, then for the other quantities of interest."""
         columns = list(units)
         law = self._surrogateSample(200_000) if self._components else {}
-        densities = {}
+        densities, drawn = {}, set()
         for entry in self._problem.getRequirements():
             rows = {row["method"]: row for row in self._rows if row["requirement"] == entry.name}
             best = _best_row(rows)
-            densities[entry.quantity] = {
+            # A second limit on a quantity has a panel of its own.
+            label = f"{entry.quantity} ({entry.name})" if entry.quantity in drawn else entry.quantity
+            drawn.add(entry.quantity)
+            densities[label] = {
                 "sample": self._sample[:200_000, columns.index(entry.quantity)],
                 "density": figures.sample_density(law[entry.name]) if entry.name in law else None,
                 "unit": units[entry.quantity],
@@ -321,6 +316,15 @@ class SeparationStudy:
                 "is_maximum": entry.is_maximum,
                 "probability": best["probability"] if best else None,
             }
+        for name in columns:
+            values = self._sample[:200_000, columns.index(name)]
+            # The clearances of single points are parts of the clearance; a quantity that does not vary has no density.
+            if (
+                name not in drawn
+                and not name.startswith("exit_clearance")
+                and np.ptp(values) > 1e-9 * np.abs(values).max()
+            ):
+                densities[name] = {"sample": values, "density": law.get(name), "unit": units[name]}
         return densities
 
     def _surrogateSample(self, size):
@@ -338,6 +342,17 @@ class SeparationStudy:
             if all(name in predictions for name in names):
                 law[entry.name] = np.asarray(composition(np.column_stack([predictions[name] for name in names])))[:, 0]
         return law
+
+
+def _write_whole(path, write):
+    """Let `write` make a temporary file and give it its name when it is complete; returns the path."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path
 
 
 def _best_row(rows):
