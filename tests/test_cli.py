@@ -198,7 +198,16 @@ def test_study_table_fits_a_terminal_of_80_columns():
     with console.capture() as capture:
         console.print(cli._study_table("reference", [row, {**row, "method": "SubsetSampling", "lower95": None}]))
     text = capture.get()
-    for words in ("ActiveSubspace", "SubsetSampling", "2.500e-04", "2.25e-04..2.75e-04", "500,000", "123.4", "none", "seconds"):
+    for words in (
+        "ActiveSubspace",
+        "SubsetSampling",
+        "2.500e-04",
+        "2.25e-04..2.75e-04",
+        "500,000",
+        "123.4",
+        "none",
+        "seconds",
+    ):
         assert words in text
 
 
