@@ -75,7 +75,7 @@ def test_the_surrogates_law_is_that_of_the_sample(study):
         column = next(i for i, label in enumerate(columns) if label.startswith(entry.quantity + " "))
         for level in (0.1, 0.5, 0.9):
             spread = study._sample[:, column].std()
-            difference = np.quantile(law[entry.name], level) - np.quantile(study._sample[:, column], level)
+            difference = np.quantile(law[entry.quantity], level) - np.quantile(study._sample[:, column], level)
             assert abs(difference) < 0.05 * spread
 
 

@@ -300,7 +300,7 @@ class SeparationStudy:
     def _densities(self, units):
         """Arguments of `draw_density` for each requirement's quantity, then for the other quantities of interest."""
         columns = list(units)
-        law = self._surrogateSample(200_000) if self._components else {}
+        law = {name: figures.sample_density(values) for name, values in self._surrogateSample(200_000).items()}
         densities, drawn = {}, set()
         for entry in self._problem.getRequirements():
             rows = {row["method"]: row for row in self._rows if row["requirement"] == entry.name}
@@ -310,7 +310,7 @@ class SeparationStudy:
             drawn.add(entry.quantity)
             densities[label] = {
                 "sample": self._sample[:200_000, columns.index(entry.quantity)],
-                "density": figures.sample_density(law[entry.name]) if entry.name in law else None,
+                "density": law.get(entry.quantity),
                 "unit": units[entry.quantity],
                 "limit": entry.limit,
                 "is_maximum": entry.is_maximum,
@@ -328,19 +328,21 @@ class SeparationStudy:
         return densities
 
     def _surrogateSample(self, size):
-        """Quantities of the requirements by the surrogates alone, from one sample of the standard space."""
+        """Components and quantities of the requirements by the surrogates alone, from one sample of standard space."""
         self._start("surrogate")
         points = np.asarray(ot.Normal(self._problem.getDistribution().getDimension()).getSample(size))
         predictions = {}
         for name, part in self._components.items():
             active = points @ np.array(part.subspace.getDirections())
             predictions[name] = np.asarray(part.regression.getMetaModel()(ot.Sample(active)))[:, 0]
-        law = {}
+        law = dict(predictions)
         for entry in self._problem.getRequirements():
             function, _, smooth, composition = self._problem.getComponents(entry)
             names = [function.getOutputDescription()[index].split(" [")[0] for index in smooth]
             if all(name in predictions for name in names):
-                law[entry.name] = np.asarray(composition(np.column_stack([predictions[name] for name in names])))[:, 0]
+                law[entry.quantity] = np.asarray(composition(np.column_stack([predictions[name] for name in names])))[
+                    :, 0
+                ]
         return law
 
 
