@@ -135,10 +135,7 @@ def test_releases_that_nearly_coincide(delays):
 
 
 def test_equal_cants_spin_up_the_satellite():
-    """All guides tilted towards increasing angle push the satellite that way, a turn about -y
-
-    the stage turns about +y.
-    """
+    """Guides tilted towards increasing angle push the satellite that way, a turn about -y, and the stage about +y."""
     cant = np.radians(0.3)
     base = simulate(symmetric_separation(springs=Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, cant))).base[0]
     # Impulse of the axial push times tan(cant) on the arm R, about the satellite's axis.

@@ -46,10 +46,7 @@ class Work(NamedTuple):
 
 @njit(**KERNEL)
 def stages(method, t, x, h, work, system):
-    """Fill the stage states y and slopes k of one step of length h [s] from x
-
-    k[0, :] must be the slope at x already.
-    """
+    """Fill the stage states y and slopes k of one step of h [s] from x; k[0, :] must be the slope at x already."""
     k, y = work.k, work.y
     for n in range(STATE_SIZE):
         y[0, n] = x[n]

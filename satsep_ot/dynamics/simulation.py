@@ -99,10 +99,7 @@ def run_chunk_with_gradients(
     first, end, parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
     base, release_time, status, steps, gradients,
 ):  # fmt: skip
-    """As `run_chunk`, with the gradients (n, len(columns), P) of columns of the base
-
-    their number is a multiple of LANES.
-    """
+    """As `run_chunk`, with the gradients (n, len(columns), P) of columns of the base, a multiple of LANES."""
     spring_number, stops = release_time.shape[1], np.empty(0)
     c, springs, active, pending, work, tape, follow, stop_x = work_space(spring_number, points, 0)
     adjoint = Adjoint(
