@@ -82,6 +82,12 @@ class Body:
     ------
     ValueError
         If the mass is not positive or the inertia is not that of a mass distribution.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import Body
+    >>> Body(100.0, [9.35, 8.0, 9.35], [0.0, 0.4, 0.0]).parameters().size
+    10
     """
 
     mass: float
@@ -117,6 +123,12 @@ class Springs:
     stroke : L [m], positive; the spring is released at min(L, xi).
     cant : tangential tilt of the guide [rad], towards increasing angle.
     delay : release delay tau [s], not negative.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import Springs
+    >>> len(Springs(angle=[0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03))
+    4
     """
 
     angle: np.ndarray
@@ -147,7 +159,14 @@ class Springs:
 
 @dataclass(frozen=True)
 class Orbit:
-    """Where the pivot of the stack is at t = 0: ECI position [m] and velocity [m/s], and mu [m3/s2]."""
+    """Where the pivot of the stack is at t = 0: ECI position [m] and velocity [m/s], and mu [m3/s2].
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import Orbit
+    >>> print(Orbit([6.878e6, 0.0, 0.0], [0.0, 7.61e3, 0.0]).position.tolist())
+    [6878000.0, 0.0, 0.0]
+    """
 
     position: np.ndarray
     velocity: np.ndarray

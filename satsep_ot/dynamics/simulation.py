@@ -185,6 +185,15 @@ class Outcome:
     gradients : ndarray, shape (n, B, P), or None
         Exact derivatives of the base with respect to the parameters, where they were asked for; 0 in columns that were
         not.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.simulation import simulate
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> outcome = simulate(Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs))
+    >>> print(outcome.explain(0), outcome.release_times.shape)
+    the separation completed (1, 4)
     """
 
     separation: Separation
@@ -346,6 +355,15 @@ class Trajectory:
     release_times : ndarray, shape (N,) [s]
     last_release : ndarray, shape (20,)
         The state at the last release.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> from satsep_ot.dynamics.simulation import trajectory
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> separation = Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)
+    >>> print(trajectory(separation, [0.0, 0.05, 0.1]).states.shape)
+    (3, 20)
     """
 
     status: Status

@@ -106,7 +106,14 @@ class CountedProblem:
 
 @dataclasses.dataclass
 class Row:
-    """Outcome of one method on one event. A number that the method does not have is None, never NaN or 0."""
+    """Outcome of one method on one event. A number that the method does not have is None, never NaN or 0.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import Row
+    >>> print(Row("FORM", probability=1e-3).upper95)
+    None
+    """
 
     method: str
     probability: float | None = None
@@ -121,7 +128,24 @@ class Row:
 
 
 class ReliabilityMethod(abc.ABC):
-    """A way to estimate a probability of failure. ``name`` is what tables show."""
+    """A way to estimate a probability of failure. ``name`` is what tables show.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.comparison import ReliabilityComparison, ReliabilityMethod, Row
+    >>> class HundredRuns(ReliabilityMethod):
+    ...     name = "HundredRuns"
+    ...     def run(self, problem):
+    ...         share = problem.isFailure(np.array(problem.distribution.getSample(100))).mean()
+    ...         return Row(self.name, float(share))
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
+    >>> comparison = ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 0.0), [HundredRuns()])
+    >>> comparison.run()
+    >>> comparison.getResult().getRow("HundredRuns").evaluations
+    100
+    """
 
     name: str
 
@@ -158,6 +182,12 @@ class ActiveSubspace(ReliabilityMethod):
     Notes
     -----
     `getLastResult` has all that the row does not.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import ActiveSubspace
+    >>> ActiveSubspace(targetCoefficientOfVariation=0.1).name
+    'ActiveSubspace'
     """
 
     name = "ActiveSubspace"
@@ -215,6 +245,12 @@ class FORM(ReliabilityMethod):
         Of each solver.
     start : float
         Coordinate of the starting point in standard space.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import FORM
+    >>> FORM(start=0.2).name
+    'FORM'
     """
 
     name = "FORM"
@@ -257,6 +293,12 @@ class SORM(FORM):
     """Second-order method at FORM's design point: Breitung's formula, with those of Hohenbichler and Tvedt in the note.
 
     The Hessian is by differences: 2 d gradients, or about 2 d^2 evaluations of a function without gradient.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import SORM
+    >>> SORM(maximumIterations=50).name
+    'SORM'
     """
 
     name = "SORM"
@@ -280,6 +322,12 @@ class MonteCarlo(ReliabilityMethod):
         Number of evaluations.
     blockSize : int
         Evaluations at a time.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import MonteCarlo
+    >>> MonteCarlo(size=10000).name
+    'MonteCarlo'
     """
 
     name = "MonteCarlo"
@@ -339,6 +387,12 @@ class SubsetSampling(SimulationMethod):
         Evaluations of each level.
     conditionalProbability : float
         p0; blocks are p0 times the level, since larger ones break the chains.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import SubsetSampling
+    >>> SubsetSampling(levelSize=2000).name
+    'SubsetSampling'
     """
 
     name = "SubsetSampling"
@@ -372,6 +426,12 @@ class ImportanceSampling(SimulationMethod):
     targetCoefficientOfVariation : float
     maximumEvaluations : int
         Of the sampling.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import ImportanceSampling
+    >>> ImportanceSampling(maximumEvaluations=5000).name
+    'ImportanceSampling'
     """
 
     name = "ImportanceSampling"
@@ -395,6 +455,12 @@ class DirectionalSampling(SimulationMethod):
     ----------
     targetCoefficientOfVariation : float
     maximumDirections : int
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import DirectionalSampling
+    >>> DirectionalSampling(maximumDirections=100).name
+    'DirectionalSampling'
     """
 
     name = "DirectionalSampling"
@@ -415,6 +481,12 @@ class LineSampling(SimulationMethod):
     ----------
     targetCoefficientOfVariation : float
     maximumLines : int
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import LineSampling
+    >>> LineSampling(maximumLines=100).name
+    'LineSampling'
     """
 
     name = "LineSampling"
@@ -448,6 +520,12 @@ class NAIS(SimulationMethod):
         Evaluations of each level.
     quantile : float
         Share of the points that the next level is fitted to.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import NAIS
+    >>> NAIS(levelSize=1000).name
+    'NAIS'
     """
 
     name = "NAIS"

@@ -108,6 +108,13 @@ class Case:
         The nominal separation [SI].
     inputs : tuple of :class:`satsep_ot.model.inputs.UncertainInput`
     requirements : tuple of Requirement
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> case = load_case("reference")
+    >>> print(len(case.inputs), case.requirements[0])
+    35 lateral_rate <= 2.5
     """
 
     name: str

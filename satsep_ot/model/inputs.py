@@ -77,6 +77,13 @@ class UncertainInput:
         Size of the unit in SI.
     reference : float
         Value of the input at which the parameters have their nominal values, in `unit`.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> row = load_case("reference").inputs[0]
+    >>> print(row.name, row.unit, row.distribution)
+    satellite_mass kg Normal(mu = 100, sigma = 0.5)
     """
 
     name: str

@@ -16,7 +16,17 @@ _GRADIENT_CHUNK = 2048
 
 
 class SeparationError(RuntimeError):
-    """A separation could not be simulated; the message names the row, the status and the inputs."""
+    """A separation could not be simulated; the message names the row, the status and the inputs.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.separation_function import SeparationError, SeparationFunction
+    >>> try:
+    ...     SeparationFunction("reference").evaluate([[-1.0] * 35])
+    ... except SeparationError as error:
+    ...     print("row 0" in str(error))
+    True
+    """
 
 
 class SeparationFunction(ot.OpenTURNSPythonFunction):
