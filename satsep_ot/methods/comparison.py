@@ -91,7 +91,7 @@ class CountedProblem:
     components : tuple or None
         Arguments of :meth:`ActiveSubspaceReliability.setComponents`, counting as well.
     isFailure : callable
-        Maps inputs (n, d) on the booleans (n,) of the event, in the fastest way there is; it counts.
+        Maps inputs (n, d) on the booleans (n,) of the event, which counts.
     report : callable
         To be called with a percentage; returns True when the method should stop.
     """
@@ -587,7 +587,6 @@ class ReliabilityComparison:
         self._event = event
         self._methods = [_method(method) for method in (DEFAULT_METHODS if methods is None else methods)]
         self._components = None
-        self._batchEvaluation = None
         self._progressCallback = None
         self._rowCallback = None
         self._stopCallback = None
@@ -599,10 +598,6 @@ class ReliabilityComparison:
     def setComponents(self, function, composition, smoothIndices=None, surrogateComposition=None) -> None:
         """Components for ActiveSubspace, see :meth:`ActiveSubspaceReliability.setComponents`."""
         self._components = (function, composition, smoothIndices, surrogateComposition)
-
-    def setBatchEvaluation(self, evaluate: Callable[[np.ndarray], np.ndarray] | None) -> None:
-        """A fast way to the event's variable: inputs (n, d) to values (n,), arrays both. MonteCarlo uses it."""
-        self._batchEvaluation = evaluate
 
     def setProgressCallback(self, callback: Callable[[str, float], None] | None) -> None:
         """Called with the name of the running method and its percentage: 0 at its start, 100 at its end."""
@@ -683,11 +678,7 @@ class ReliabilityComparison:
         compare = Limit.of(event).margin
 
         def isFailure(x):
-            if self._batchEvaluation is None:
-                values = callFunction(counting, x)
-            else:
-                values = np.asarray(self._batchEvaluation(x), dtype=float).reshape(len(x), 1)
-                counter.evaluations += len(x)
+            values = callFunction(counting, x)
             if not np.isfinite(values).all():
                 row = int(np.argmin(np.isfinite(values).all(axis=1)))
                 raise ValueError(f"the event's variable is not finite at input {x[row].tolist()}")
