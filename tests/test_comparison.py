@@ -117,13 +117,6 @@ def test_a_value_that_is_not_a_number_is_an_error_of_monte_carlo():
     assert row.note
 
 
-def test_batch_evaluation_serves_monte_carlo_and_is_counted():
-    recorder = Recorder()
-    row = run(recorder.event, [c.MonteCarlo(100_000)], BatchEvaluation=lambda x: x.sum(axis=1) / 2.0).getRows()[0]
-    assert (row.evaluations, recorder.points[0]) == (100_000, 0)
-    assert row.lower95 < TRUTH < row.upper95
-
-
 def test_union_event_is_compared_by_its_limit_state():
     x = ot.RandomVector(ot.Normal(2))
     events = [
