@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from satsep_ot.dynamics.separation import Body, ForceLine, Orbit, Pivot, Separation, Springs
+from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.separation import Body, ForceLine, Pivot, Separation, Springs
 
 TRUTH = json.loads((Path(__file__).parent / "data" / "separation_truth.json").read_text(encoding="utf-8"))
 TRUTH_CASES = {case["name"]: case for case in TRUTH["cases"]}

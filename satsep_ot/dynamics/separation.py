@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER
+from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.springs import ForceLine
 
@@ -155,26 +155,6 @@ class Springs:
     def parameters(self):
         """Seven numbers a spring, spring by spring, as they stand in the flat parameter vector."""
         return np.stack([getattr(self, name) for name in _SPRING_NAMES], axis=1).ravel()
-
-
-@dataclass(frozen=True)
-class Orbit:
-    """Where the pivot of the stack is at t = 0: ECI position [m] and velocity [m/s], and mu [m3/s2].
-
-    Examples
-    --------
-    >>> from satsep_ot.dynamics.separation import Orbit
-    >>> print(Orbit([6.878e6, 0.0, 0.0], [0.0, 7.61e3, 0.0]).position.tolist())
-    [6878000.0, 0.0, 0.0]
-    """
-
-    position: np.ndarray
-    velocity: np.ndarray
-    mu: float = EARTH_GRAVITATIONAL_PARAMETER
-
-    def __post_init__(self):
-        for name in ("position", "velocity"):
-            object.__setattr__(self, name, np.asarray(getattr(self, name), dtype=float))
 
 
 @dataclass(frozen=True)

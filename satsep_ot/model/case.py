@@ -13,9 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
+from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, rotation_matrix
-from satsep_ot.dynamics.separation import Body, Orbit, Pivot, Separation, Springs
+from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
 from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.model.inputs import (
     Target,
