@@ -1,13 +1,14 @@
 """Uncertain inputs: the table of the reference case, and the map from samples to parameters and back."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import openturns as ot
 import pytest
 
 from satsep_ot.dynamics.separation import SPRING_SIZE
-from satsep_ot.model.case import load_case, parse_case
+from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import (
     ParameterMap,
     build_distribution,
@@ -15,6 +16,7 @@ from satsep_ot.model.inputs import (
     quantile_range,
     scatter_targets,
 )
+from satsep_ot.model.separation_problem import SeparationProblem
 
 # Name, unit, mean, standard deviation of the 35 inputs of the reference case.
 TABLE = [
@@ -167,3 +169,68 @@ def test_quantile_range_of_a_normal():
         pytest.approx(10.0 - 2.0 * 3.0902323, rel=1e-7),
         pytest.approx(10.0 + 2.0 * 3.0902323, rel=1e-7),
     )
+
+
+def test_scaled_input_moves_its_parameters_half_as_far_about_the_same_mean(case):
+    for name in ("satellite_mass", "delay_2"):
+        row = next(row for row in case.inputs if row.name == name)
+        # A reference away from the mean: the mean must stay where it is all the same.
+        row = replace(row, reference=row.reference - 0.3)
+        scaled = row.scaled(0.5)
+        mean = row.distribution.getMean()[0]
+        for value in (mean - 0.7, mean, mean + 0.4):
+            moved = row.factor * (value - row.reference)
+            at_mean = row.factor * (mean - row.reference)
+            expected = at_mean + 0.5 * (moved - at_mean)
+            assert scaled.factor * (value - scaled.reference) == pytest.approx(expected, abs=1e-15)
+    with pytest.raises(ValueError, match="scale = 0"):
+        row.scaled(0.0)
+
+
+CORRELATED = """
+[[correlation]]
+inputs = ["satellite_Ixx", "satellite_mass"]
+coefficient = 0.6
+
+[[correlation]]
+inputs = ["stiffness"]
+rank = 0.5
+"""
+
+
+def test_correlations_of_a_case_are_those_of_its_sample():
+    case = parse_case(load_case("reference").text + CORRELATED)
+    ot.RandomGenerator.SetSeed(1)
+    sample = SeparationProblem(case).getDistribution().getSample(20_000)
+    linear, rank = sample.computeLinearCorrelation(), sample.computeSpearmanCorrelation()
+    assert linear[0, 2] == pytest.approx(0.6, abs=0.02)
+    for i, j in ((14, 15), (14, 17), (16, 17)):
+        assert rank[i, j] == pytest.approx(0.5, abs=0.02)
+    assert abs(linear[0, 3]) < 0.03
+    assert SeparationProblem(case, ot.IndependentCopula(35)).getDistribution().hasIndependentCopula()
+    assert load_case("reference").copula is None
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('inputs = ["stifness", "stroke"]\nrank = 0.1', "did you mean 'stiffness"),
+        ('inputs = ["stroke"]\nrank = 0.1', "at least two"),
+        ('inputs = ["stroke", "stroke"]\nrank = 0.1', "each once"),
+        ('inputs = "stroke"\nrank = 0.1', "a list of at least two"),
+        ('inputs = ["stroke", "ring_radius"]', "neither coefficient nor rank"),
+        ('inputs = ["stroke", "ring_radius"]\nrank = 0.1\ncoefficient = 0.1', "has both"),
+        ('inputs = ["stroke", "ring_radius"]\nrank = 1.0', "size below 1"),
+        ('inputs = ["stiffness"]\ncoefficient = -0.5', "smallest eigenvalue is -0.5"),
+        (
+            'inputs = ["stroke", "ring_radius"]\nrank = 0.1\n[[correlation]]\ninputs = ["ring_radius", "stroke"]\n'
+            "rank = 0.2",
+            "correlates stroke and ring_radius a second time",
+        ),
+    ],
+)
+def test_correlations_that_cannot_be_are_one_sentence(text, words):
+    with pytest.raises(CaseError) as caught:
+        parse_case(load_case("reference").text + "\n[[correlation]]\n" + text, "mine.toml")
+    assert words in str(caught.value)
+    assert str(caught.value).startswith("mine.toml: correlation")

@@ -3,19 +3,21 @@
 The annotated file `cases/reference.toml` of this package names every key with its unit and default.
 """
 
+import itertools
 import math
 import os
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
+import openturns as ot
 
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
-from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, rotation_matrix
+from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, quaternion_from_matrix, rotation_matrix
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
 from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.model.inputs import (
@@ -24,6 +26,7 @@ from satsep_ot.model.inputs import (
     build_distribution,
     check_range,
     did_you_mean,
+    normal_copula,
     scatter_targets,
 )
 
@@ -31,7 +34,8 @@ _DEGREE = math.pi / 180.0
 _MILLI = 1e-3
 _KILO = 1e3
 _MAXIMUM_SPRINGS = 1000
-# Where the push, along y, points in a circular orbit -> where position and velocity point in body axes at t = 0.
+# Where the push, along y, points -> where the position and the horizontal part of the velocity point in body axes at
+# t = 0.
 _PUSHES = {
     "along-track": ((1, 0, 0), (0, 1, 0)),
     "against-track": ((1, 0, 0), (0, -1, 0)),
@@ -109,6 +113,10 @@ class Case:
         The nominal separation [SI].
     inputs : tuple of :class:`satsep_ot.model.inputs.UncertainInput`
     requirements : tuple of Requirement
+    copula : :class:`openturns.NormalCopula`, optional
+        Dependence of the inputs, in their order. None: independent.
+    text : str
+        The case file as it was read; empty for a case that does not come from one.
 
     Examples
     --------
@@ -123,6 +131,8 @@ class Case:
     separation: Separation
     inputs: tuple[UncertainInput, ...] = ()
     requirements: tuple[Requirement, ...] = ()
+    copula: ot.NormalCopula | None = None
+    text: str = ""
 
 
 def shipped_cases() -> list[str]:
@@ -245,7 +255,7 @@ def parse_case(text: str, file: str = "case") -> Case:
         raise CaseError(f"{file}: not valid TOML: {reason}") from error
     sections = (
         "name", "description", "horizon", "platform", "satellite", "springs", "initial", "orbit", "envelope", "inputs",
-        "requirements",
+        "correlation", "requirements",
     )  # fmt: skip
     root = _Table(file, "", data, sections)
     # Misspelt keys are reported before missing ones: the first usually explains the second.
@@ -264,6 +274,8 @@ def parse_case(text: str, file: str = "case") -> Case:
         separation=separation,
         inputs=inputs,
         requirements=_requirements(root, separation),
+        copula=_copula(root, inputs),
+        text=text,
     )
 
 
@@ -276,7 +288,11 @@ _TABLE_KEYS = {
         "stowed_length",
     ),
     "initial": ("attitude", "rates", "mounting_error", "pivot"),
-    "orbit": ("altitude", "push", "position", "velocity", "gravitational_parameter", "gradient_torque"),
+    "orbit": (
+        "altitude", "perigee_altitude", "apogee_altitude", "semi_major_axis", "eccentricity", "inclination",
+        "right_ascension", "argument_of_perigee", "true_anomaly", "position", "velocity", "push",
+        "gravitational_parameter", "gradient_torque", "j2",
+    ),
     "envelope": ("half_width", "height", "points", "recess_radius", "recess_depth"),
 }  # fmt: skip
 _MISSING = object()
@@ -317,6 +333,13 @@ class _Table:
         if not isinstance(data, dict):
             raise self.error(key, data, f"a table, [{key}]")
         return _Table(self.file, self.key(key), data, keys)
+
+    def tables(self, key, keys):
+        """The tables of a list, each headed [[key]]; none where it is left out."""
+        entries = self.data.get(key, [])
+        if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+            raise self.error(key, entries, f"a list of tables, each headed [[{key}]]")
+        return [_Table(self.file, f"{self.key(key)}[{n}]", entry, keys) for n, entry in enumerate(entries, start=1)]
 
     def text(self, key, default=_MISSING):
         value = self.get(key, default, "a text")
@@ -390,8 +413,8 @@ def _separation(root, tables):
     springs = _springs(tables["springs"])
     force_line, stowed_length = _force_line(tables["springs"])
     initial = tables["initial"] or _Table(root.file, "initial", {}, _TABLE_KEYS["initial"])
-    attitude = _attitude(initial)
-    orbit, gradient_torque = _orbit(tables["orbit"], attitude)
+    orbit, attitude = _orbit(tables["orbit"], initial)
+    gradient_torque = False if orbit is None else tables["orbit"].flag("gradient_torque", False)
     envelope, recess_radius, recess_depth = _envelope(tables["envelope"])
     pivots = {"stack": Pivot.STACK, "platform": Pivot.PLATFORM}
     zero = [0.0, 0.0, 0.0]
@@ -500,35 +523,112 @@ def _attitude(table):
     return np.array(value, dtype=float) / norm
 
 
-def _orbit(table, attitude):
+# The ways to give an orbit, by the keys that choose each.
+_ORBITS = {
+    "altitude": ("altitude",),
+    "perigee_altitude": ("perigee_altitude", "apogee_altitude"),
+    "semi_major_axis": ("semi_major_axis",),
+    "position": ("position", "velocity"),
+}
+_ANGLES = ("right_ascension", "argument_of_perigee", "true_anomaly")
+
+
+def _orbit(table, initial):
+    """The orbit (None without gravity), and the platform's attitude in its inertial axes."""
     if table is None:
-        return None, False
-    gradient_torque = table.flag("gradient_torque", False)
-    mu = (
-        table.number("gravitational_parameter", "km3/s2", EARTH_GRAVITATIONAL_PARAMETER / _KILO**3, "positive")
-        * _KILO**3
-    )
-    if "altitude" in table and ("position" in table or "velocity" in table):
-        raise CaseError(f"{table.file}: orbit.altitude and orbit.position are both given; give one of them")
-    if "altitude" in table:
-        radius = EARTH_RADIUS + table.number("altitude", "km", sign="positive") * _KILO
-        position, velocity = _PUSHES[table.choice("push", tuple(_PUSHES), "along-track")]
-        to_inertial = rotation_matrix(attitude)
-        return Orbit(
-            position=to_inertial @ (radius * np.array(position, dtype=float)),
-            velocity=to_inertial @ (math.sqrt(mu / radius) * np.array(velocity, dtype=float)),
-            mu=mu,
-        ), gradient_torque
-    if "push" in table:
+        return None, _attitude(initial)
+    given = [way for way, keys in _ORBITS.items() if any(key in table for key in keys)]
+    if len(given) > 1:
         raise CaseError(
-            f"{table.file}: orbit.push needs orbit.altitude; with a position the attitude says where y points"
+            f"{table.file}: orbit.{given[0]} and orbit.{given[1]} are both given; give one of {', '.join(_ORBITS)}"
         )
-    if "position" not in table:
-        raise CaseError(f"{table.file}: orbit.altitude is missing; give it in km, or orbit.position and orbit.velocity")
-    position, velocity = table.vector("position", "km") * _KILO, table.vector("velocity", "km/s") * _KILO
-    if not np.linalg.norm(position) > 0.0:
-        raise table.error("position", table.data["position"], "away from the centre of the Earth")
-    return Orbit(position=position, velocity=velocity, mu=mu), gradient_torque
+    if not given:
+        raise CaseError(
+            f"{table.file}: orbit.altitude is missing; give it in km, or one of {', '.join(list(_ORBITS)[1:])}"
+        )
+    way = given[0]
+    if "eccentricity" in table and way != "semi_major_axis":
+        raise CaseError(f"{table.file}: orbit.eccentricity needs orbit.semi_major_axis")
+    mu = table.number(
+        "gravitational_parameter", "km3/s2", EARTH_GRAVITATIONAL_PARAMETER / _KILO**3, "positive"
+    ) * _KILO**3  # fmt: skip
+    j2 = table.flag("j2", False)
+    turned = [key for key in ("inclination", *_ANGLES) if key in table]
+    if way == "altitude" and not turned:
+        return _circular_orbit(table, _attitude(initial), mu, j2)
+    if way == "position":
+        if turned:
+            raise CaseError(f"{table.file}: orbit.position and orbit.{turned[0]} are both given; give one of them")
+        orbit = _build_orbit(
+            table, Orbit, table.vector("position", "km") * _KILO, table.vector("velocity", "km/s") * _KILO, mu, j2
+        )
+    else:
+        axis, eccentricity = _axis_and_eccentricity(table, way)
+        angles = [table.number("inclination", "deg"), *(table.number(key, "deg", 0.0) for key in _ANGLES)]
+        orbit = _build_orbit(
+            table, Orbit.from_elements, axis, eccentricity, *(angle * _DEGREE for angle in angles), mu, j2
+        )
+    return orbit, _pushed_attitude(table, initial, orbit, way)
+
+
+def _build_orbit(table, build, *arguments):
+    try:
+        return build(*arguments)
+    except ValueError as error:
+        raise CaseError(f"{table.file}: {error}") from error
+
+
+def _circular_orbit(table, attitude, mu, j2):
+    """A circular orbit whose plane follows from the attitude of the platform and the direction of the push."""
+    if j2:
+        raise CaseError(
+            f"{table.file}: orbit.inclination is missing; with j2 the plane of the orbit matters, and altitude leaves "
+            "it open"
+        )
+    radius = EARTH_RADIUS + table.number("altitude", "km", sign="positive") * _KILO
+    position, velocity = _PUSHES[table.choice("push", tuple(_PUSHES), "along-track")]
+    to_inertial = rotation_matrix(attitude)
+    orbit = Orbit(
+        position=to_inertial @ (radius * np.array(position, dtype=float)),
+        velocity=to_inertial @ (math.sqrt(mu / radius) * np.array(velocity, dtype=float)),
+        mu=mu,
+    )
+    return orbit, attitude
+
+
+def _axis_and_eccentricity(table, way):
+    """Semi-major axis [m] and eccentricity, from whichever keys say them."""
+    if way == "semi_major_axis":
+        eccentricity = table.number("eccentricity", "", 0.0, "not negative", below=1.0)
+        return table.number("semi_major_axis", "km", sign="positive") * _KILO, eccentricity
+    if way == "altitude":
+        return EARTH_RADIUS + table.number("altitude", "km", sign="positive") * _KILO, 0.0
+    perigee = table.number("perigee_altitude", "km", sign="positive") * _KILO
+    apogee = table.number("apogee_altitude", "km", sign="positive") * _KILO
+    if apogee < perigee:
+        raise table.error("apogee_altitude", table.data["apogee_altitude"], "at least the perigee_altitude")
+    axis = EARTH_RADIUS + 0.5 * (perigee + apogee)
+    return axis, 0.5 * (apogee - perigee) / axis
+
+
+def _pushed_attitude(table, initial, orbit, way):
+    """The attitude as given, or the one that points y where the push says, in the local horizontal of the orbit."""
+    if "push" not in table and ("attitude" in initial or way == "position"):
+        return _attitude(initial)
+    if "attitude" in initial:
+        raise CaseError(
+            f"{table.file}: orbit.push and initial.attitude are both given, and each says where y points; give one of "
+            "them"
+        )
+    up = orbit.position / np.linalg.norm(orbit.position)
+    normal = np.cross(orbit.position, orbit.velocity)
+    if not np.linalg.norm(normal) > 0.0:
+        raise CaseError(f"{table.file}: orbit.push needs an orbit with a plane; position and velocity are parallel")
+    normal /= np.linalg.norm(normal)
+    body_up, body_along = _PUSHES[table.choice("push", tuple(_PUSHES), "along-track")]
+    orbit_axes = np.column_stack([up, np.cross(normal, up), normal])
+    body_axes = np.column_stack([body_up, body_along, np.cross(body_up, body_along)]).astype(float)
+    return quaternion_from_matrix(orbit_axes @ body_axes.T)
 
 
 def _envelope(table):
@@ -571,7 +671,7 @@ def _inputs(file, entries, separation):
             if input_name in taken:
                 raise CaseError(f"{file}: {path} gives a second input the name '{input_name}'; names must differ")
             taken.add(input_name)
-            inputs.append(_input(table, input_name, target, nominal))
+            inputs.append(replace(_input(table, input_name, target, nominal), entry=name))
     return tuple(inputs)
 
 
@@ -645,15 +745,54 @@ def _scatter_size(table, kind, unit, reference):
     raise table.error(kind, value, f"a finite, positive number in {unit}, or a percentage such as '1.5 %'")
 
 
+def _copula(root, inputs):
+    """The copula of the tables [[correlation]], or None."""
+    names = [row.name for row in inputs]
+    correlations = {}
+    for table in root.tables("correlation", ("inputs", "coefficient", "rank")):
+        allowed = "a list of at least two names of uncertain inputs"
+        given = table.get("inputs", _MISSING, allowed)
+        if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
+            raise table.error("inputs", given, allowed)
+        members = [name for one in given for name in _input_names(table, one, inputs)]
+        if len(members) < 2 or len(set(members)) < len(members):
+            raise table.error("inputs", given, f"{allowed}, each once")
+        kinds = [key for key in ("coefficient", "rank") if key in table]
+        if len(kinds) != 1:
+            what = "both" if kinds else "neither coefficient nor rank"
+            raise CaseError(
+                f"{root.file}: {table.path} has {what}, but it must have exactly one of coefficient and rank"
+            )
+        value = table.number(kinds[0], "", below=1.0)
+        # Spearman's coefficient of a normal copula is 6 / pi arcsin(R / 2).
+        value = 2.0 * math.sin(math.pi / 6.0 * value) if kinds[0] == "rank" else value
+        for pair in itertools.combinations(sorted(members, key=names.index), 2):
+            if pair in correlations:
+                raise CaseError(f"{root.file}: {table.path} correlates {' and '.join(pair)} a second time")
+            correlations[pair] = value
+    try:
+        return normal_copula(names, correlations)
+    except ValueError as error:
+        raise CaseError(f"{root.file}: correlation cannot be used: {error}") from error
+
+
+def _input_names(table, name, inputs):
+    """The inputs that a name stands for: one, or all of an entry that makes one for every spring."""
+    found = [row.name for row in inputs if name in (row.name, row.entry)]
+    if not found:
+        known = [row.name for row in inputs]
+        hint = did_you_mean(name, known) or (
+            f"; there are {', '.join(known[:4])}, ..." if known else "; there are none"
+        )
+        raise table.error("inputs", name, f"an uncertain input of the table [inputs]{hint}")
+    return found
+
+
 def _requirements(root, separation):
-    entries = root.data.get("requirements", [])
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise root.error("requirements", entries, "a list of tables, each headed [[requirements]]")
     known = quantity_table(separation)
     requirements = []
-    for number, entry in enumerate(entries, start=1):
-        keys = ("name", "quantity", "maximum", "minimum", "allowed_probability")
-        table = _Table(root.file, f"requirements[{number}]", entry, keys)
+    keys = ("name", "quantity", "maximum", "minimum", "allowed_probability")
+    for table in root.tables("requirements", keys):
         quantity = table.text("quantity")
         if quantity not in known:
             hint = did_you_mean(quantity, known)

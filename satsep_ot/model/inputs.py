@@ -2,7 +2,7 @@
 
 import difflib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import openturns as ot
@@ -77,6 +77,8 @@ class UncertainInput:
         Size of the unit in SI.
     reference : float
         Value of the input at which the parameters have their nominal values, in `unit`.
+    entry : str
+        Name of the entry of the case file that it comes from: one tolerance may make an input for every spring.
 
     Examples
     --------
@@ -93,11 +95,42 @@ class UncertainInput:
     parameters: tuple[str, ...]
     factor: float
     reference: float
+    entry: str = ""
 
     @property
     def label(self) -> str:
         """The name with its unit."""
         return f"{self.name} [{self.unit}]"
+
+    def scaled(self, scale: float) -> "UncertainInput":
+        """The same input with the scatter of its parameters about their means scaled, whatever its distribution is.
+
+        Parameters
+        ----------
+        scale : float
+            Positive; 0.5 halves every deviation from the mean.
+
+        Returns
+        -------
+        scaled : UncertainInput
+            With the same distribution, but a factor and a reference that let it move its parameters less, or more.
+
+        Raises
+        ------
+        ValueError
+            If the scale is not positive.
+
+        Examples
+        --------
+        >>> from satsep_ot.model.case import load_case
+        >>> row = load_case("reference").inputs[0].scaled(0.5)
+        >>> row.factor, row.reference
+        (0.5, 100.0)
+        """
+        if not 0.0 < scale < math.inf:
+            raise ValueError(f"scale = {scale}; a positive number is allowed")
+        mean = self.distribution.getMean()[0]
+        return replace(self, factor=scale * self.factor, reference=mean - (mean - self.reference) / scale)
 
 
 def scatter_targets(separation: Separation) -> dict[str, Target]:
@@ -356,6 +389,53 @@ class ParameterMap:
 
 def _spread(distribution):
     return 0.5 * (distribution.computeQuantile(0.8413)[0] - distribution.computeQuantile(0.1587)[0])
+
+
+def normal_copula(names, correlations) -> ot.NormalCopula | None:
+    """The normal copula of uncertain inputs from correlations of some of them.
+
+    Parameters
+    ----------
+    names : sequence of str, length n
+        Of all inputs.
+    correlations : dict of (str, str) to float
+        By pairs of different names; a coefficient lies between -1 and 1.
+
+    Returns
+    -------
+    copula : :class:`openturns.NormalCopula`, or None
+        Of dimension n; None where no pair is correlated.
+
+    Raises
+    ------
+    ValueError
+        If the coefficients contradict each other: their matrix is not positive definite. The message names the inputs.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.inputs import normal_copula
+    >>> print(normal_copula(["a", "b"], {("a", "b"): 0.5}))
+    NormalCopula(R = [[ 1   0.5 ]
+     [ 0.5 1   ]])
+    """
+    if not any(correlations.values()):
+        return None
+    names = list(names)
+    matrix = np.eye(len(names))
+    for (first, second), coefficient in correlations.items():
+        i, j = names.index(first), names.index(second)
+        matrix[i, j] = matrix[j, i] = coefficient
+    eigenvalues, vectors = np.linalg.eigh(matrix)
+    if not eigenvalues[0] > 1e-10:
+        involved = [name for name, share in zip(names, vectors[:, 0] ** 2, strict=True) if share > 1e-3]
+        among = {pair: value for pair, value in correlations.items() if pair[0] in involved and pair[1] in involved}
+        shown = ", ".join(f"{a} with {b} {value:g}" for (a, b), value in list(among.items())[:6])
+        shown += f", ... ({len(among)} in all)" if len(among) > 6 else ""
+        raise ValueError(
+            f"the correlations of {', '.join(involved)} contradict each other ({shown}): their matrix must be positive "
+            f"definite, and its smallest eigenvalue is {eigenvalues[0]:.3g}"
+        )
+    return ot.NormalCopula(ot.CorrelationMatrix(matrix.tolist()))
 
 
 def joint_distribution(inputs, copula=None) -> ot.JointDistribution:

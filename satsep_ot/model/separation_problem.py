@@ -22,7 +22,8 @@ class SeparationProblem:
     case : Case, str or path, default "reference"
         As for :func:`satsep_ot.model.case.load_case`.
     copula : :class:`openturns.Distribution`, optional
-        Dependence of the uncertain inputs, in their order. Default: independent.
+        Dependence of the uncertain inputs, in their order. Default: that of the case, which is independence where it
+        has no correlation.
 
     Raises
     ------
@@ -49,7 +50,7 @@ class SeparationProblem:
 
     def __init__(self, case="reference", copula=None):
         self._case = load_uncertain_case(case)
-        self._distribution = joint_distribution(self._case.inputs, copula)
+        self._distribution = joint_distribution(self._case.inputs, self._case.copula if copula is None else copula)
         self._quantities = quantity_table(self._case.separation)
 
     def __repr__(self):
