@@ -9,6 +9,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
+from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Pivot
 from satsep_ot.dynamics.springs import ForceLine
@@ -126,7 +127,7 @@ def test_full_inertia_tensor_and_initial_state():
     ],
 )
 def test_the_separation_axis_points_where_the_push_says(push, direction, attitude):
-    text = changed('"along-track"', f'"{push}"').replace("attitude = [0.0, 0.0, 0.0]", f"attitude = {attitude}")
+    text = changed('"along-track"', f'"{push}"').replace("# attitude = [0.0, 0.0, 0.0]", f"attitude = {attitude}")
     separation = parse_case(text).separation
     r, v = separation.orbit.position, separation.orbit.velocity
     assert r @ v == pytest.approx(0.0, abs=1e-3)
@@ -138,11 +139,64 @@ def test_the_separation_axis_points_where_the_push_says(push, direction, attitud
 
 def test_orbit_by_position_and_velocity_or_none():
     text = changed("altitude = 500.0", "position = [7000.0, 1.0, 2.0]\nvelocity = [0.1, 7.5, 0.3]")
-    orbit = parse_case(text.replace('push = "along-track"', "")).separation.orbit
+    separation = parse_case(text.replace('push = "along-track"', "")).separation
+    orbit = separation.orbit
+    assert separation.attitude.tolist() == [1.0, 0.0, 0.0, 0.0]
     assert orbit.position.tolist() == [7000e3, 1e3, 2e3]
     assert np.allclose(orbit.velocity, [100.0, 7500.0, 300.0])
     start, end = REFERENCE.index("[orbit]"), REFERENCE.index("[envelope]")
     assert parse_case(REFERENCE[:start] + REFERENCE[end:]).separation.orbit is None
+
+
+ELEMENTS = "right_ascension = 20.0\nargument_of_perigee = 30.0\ntrue_anomaly = 40.0\ninclination = 97.4\nj2 = true\n"
+
+
+@pytest.mark.parametrize(
+    ("size", "axis", "eccentricity"),
+    [
+        ("altitude = 500.0", 6878.137e3, 0.0),
+        ("perigee_altitude = 500.0\napogee_altitude = 700.0", 6978.137e3, 100.0 / 6978.137),
+        ("semi_major_axis = 7000.0\neccentricity = 0.05", 7000e3, 0.05),
+        ("semi_major_axis = 7000.0", 7000e3, 0.0),
+    ],
+)
+def test_orbit_by_elements(size, axis, eccentricity):
+    """The push is along the track unless an attitude is given."""
+    text = changed("altitude = 500.0 ", size + "\n" + ELEMENTS + "#").replace("push = ", "#")
+    separation = parse_case(text).separation
+    expected = Orbit.from_elements(axis, eccentricity, *np.radians([97.4, 20.0, 30.0, 40.0]))
+    assert np.allclose(separation.orbit.position, expected.position, rtol=1e-14)
+    assert np.allclose(separation.orbit.velocity, expected.velocity, rtol=1e-14)
+    assert separation.orbit.j2
+    y = rotation_matrix(separation.attitude)[:, 1]
+    assert y @ expected.position == pytest.approx(0.0, abs=1e-6)
+    assert y @ np.cross(expected.position, expected.velocity) == pytest.approx(0.0, abs=1e-1)
+    assert y @ expected.velocity > 0.0
+    turned = parse_case(text.replace("# attitude = [0.0, 0.0, 0.0]", "attitude = [0.6, 0.0, 0.0, 0.8]")).separation
+    assert np.allclose(turned.attitude, [0.6, 0.0, 0.0, 0.8])
+    assert np.array_equal(turned.orbit.position, separation.orbit.position)
+    twice = text.replace("# attitude", "attitude").replace('#"along-track"', 'push = "up" #')
+    assert "orbit.push and initial.attitude are both given" in refusal(twice)
+
+
+@pytest.mark.parametrize("orbit", ["position = [6000, 3000, 2000]\nvelocity = [1, -2, 7]", "altitude = 9\n" + ELEMENTS])
+@pytest.mark.parametrize(
+    ("push", "direction"),
+    [
+        ("along-track", lambda r, v: np.cross(np.cross(r, v), r)),
+        ("against-track", lambda r, v: np.cross(r, np.cross(r, v))),
+        ("up", lambda r, v: r),
+        ("down", lambda r, v: -r),
+        ("normal", lambda r, v: np.cross(r, v)),
+        ("anti-normal", lambda r, v: -np.cross(r, v)),
+    ],
+)
+def test_the_push_has_a_meaning_on_every_orbit(push, direction, orbit):
+    text = changed("altitude = 500.0 ", orbit + "#").replace('"along-track"', f'"{push}"')
+    separation = parse_case(text).separation
+    axis = direction(separation.orbit.position, separation.orbit.velocity)
+    y = rotation_matrix(separation.attitude)[:, 1]
+    assert np.allclose(y, axis / np.linalg.norm(axis), rtol=0, atol=1e-14)
 
 
 def test_without_envelope_inputs_and_requirements():
@@ -233,7 +287,7 @@ REFUSALS = {
     "strut of no length": ('"guided" ', '"strut"\nstowed_length = 0 #', ["springs.stowed_length = 0", "buckles"]),
     "guide with length": ('"guided" ', '"guided"\nstowed_length = 4 #', ["springs.stowed_length", "strut"]),
     "quaternion of norm 0": (
-        "attitude = [0.0, 0.0, 0.0]",
+        "# attitude = [0.0, 0.0, 0.0]",
         "attitude = [0, 0, 0, 0]",
         ["initial.attitude", "norm is 0"],
     ),
@@ -244,7 +298,51 @@ REFUSALS = {
         "altitude = 500.0\nposition = [1, 2, 3]",
         ["altitude", "position", "one"],
     ),
-    "push without altitude": ("altitude = 500.0", "position = [7000, 2, 3]\nvelocity=[1, 2, 3]", ["orbit.push"]),
+    "position without velocity": ("altitude = 500.0", "position = [7000, 2, 3]", ["orbit.velocity is missing", "km/s"]),
+    "parallel position and velocity": (
+        "altitude = 500.0",
+        "position = [7000, 0, 0]\nvelocity = [1, 0, 0]",
+        ["orbit.push", "parallel"],
+    ),
+    "centre of the Earth": (
+        "altitude = 500.0",
+        "position = [0, 0, 0]\nvelocity = [1, 0, 0]",
+        ["orbit.position", "centre of the Earth"],
+    ),
+    "no orbit": ("altitude = 500.0", "", ["orbit.altitude is missing", "semi_major_axis"]),
+    "position with angles": (
+        "altitude = 500.0",
+        "position = [7000, 0, 0]\nvelocity = [0, 8, 0]\ninclination = 3",
+        ["orbit.position and orbit.inclination"],
+    ),
+    "elements without inclination": ("altitude = 500.0", "semi_major_axis = 7000", ["orbit.inclination is missing"]),
+    "true anomaly without inclination": (
+        "altitude = 500.0",
+        "altitude = 9\ntrue_anomaly = 3",
+        ["orbit.inclination is missing"],
+    ),
+    "perigee without apogee": (
+        "altitude = 500.0",
+        "perigee_altitude = 500\ninclination = 97",
+        ["orbit.apogee_altitude is missing"],
+    ),
+    "apogee below perigee": (
+        "altitude = 500.0",
+        "perigee_altitude = 500\napogee_altitude = 400\ninclination = 97",
+        ["orbit.apogee_altitude = 400", "perigee_altitude"],
+    ),
+    "eccentricity of an altitude": ("altitude = 500.0", "altitude = 500.0\neccentricity = 0.1", ["semi_major_axis"]),
+    "eccentricity of 1": (
+        "altitude = 500.0",
+        "semi_major_axis = 7000\neccentricity = 1\ninclination = 9",
+        ["orbit.eccentricity = 1", "below 1"],
+    ),
+    "perigee below the surface": (
+        "altitude = 500.0",
+        "semi_major_axis = 7000\neccentricity = 0.1\ninclination = 9",
+        ["the perigee is 6300 km", "above the surface, 6378.14 km"],
+    ),
+    "j2 without a plane": ("altitude = 500.0", "altitude = 500.0\nj2 = true", ["orbit.inclination is missing", "j2"]),
     "unknown push": ('"along-track"', '"forward"', ["orbit.push", "'against-track'"]),
     "text for a flag": (
         "gradient_torque = false",

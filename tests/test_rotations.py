@@ -5,6 +5,7 @@ from separation_cases import symmetric_separation
 from satsep_ot.dynamics.rotations import (
     euler_angles,
     quaternion_from_euler_angles,
+    quaternion_from_matrix,
     quaternion_from_rotation_vector,
     quaternion_product,
     rotation_matrix,
@@ -29,6 +30,16 @@ def test_quaternion_agrees_with_equation_7():
     for phi, theta, psi in np.random.default_rng(0).uniform(-np.pi, np.pi, (200, 3)):
         matrix = rotation_matrix(quaternion_from_euler_angles(phi, theta, psi))
         np.testing.assert_allclose(matrix, equation_7(phi, theta, psi).T, atol=1e-12)
+
+
+def test_quaternion_from_matrix_is_the_inverse_of_rotation_matrix():
+    random = np.random.default_rng(1).standard_normal((200, 4))
+    # Half turns, where the scalar part is 0, and turns close to them.
+    special = np.concatenate([np.eye(4), np.eye(4) + 1e-9, [[0.0, 0.6, 0.8, 0.0], [1e-12, 0.6, 0.0, -0.8]]])
+    for quaternion in np.concatenate([random, special]):
+        quaternion = quaternion / np.linalg.norm(quaternion)
+        again = quaternion_from_matrix(rotation_matrix(quaternion))
+        np.testing.assert_allclose(again * np.sign(again @ quaternion), quaternion, atol=1e-14)
 
 
 def test_euler_angles_return_also_at_the_singularity():

@@ -54,6 +54,31 @@ def rotation_matrix(quaternion):
     return np.array(rotation_matrix_elements(*(float(component) for component in quaternion))).reshape(3, 3)
 
 
+def quaternion_from_matrix(matrix):
+    """The unit quaternion of a rotation matrix (3, 3), body to reference; the inverse of `rotation_matrix`.
+
+    Its components' products make up 4 q q^T, of which the row with the largest diagonal element is taken.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.dynamics.rotations import quaternion_from_matrix
+    >>> print(quaternion_from_matrix(np.diag([1.0, -1.0, -1.0])).tolist())
+    [0.0, 1.0, 0.0, 0.0]
+    """
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(matrix, dtype=float)
+    products = np.array(
+        [
+            [1.0 + a + e + i, h - f, c - g, d - b],
+            [h - f, 1.0 + a - e - i, b + d, c + g],
+            [c - g, b + d, 1.0 - a + e - i, f + h],
+            [d - b, c + g, f + h, 1.0 - a - e + i],
+        ]
+    )
+    row = products[np.argmax(np.diag(products))]
+    return row / np.linalg.norm(row)
+
+
 def quaternion_product(left, right):
     """The quaternion product left (x) right, shape (4,): first the turn `right`, then the turn `left`."""
     w, v = left[0], np.asarray(left[1:], dtype=float)
