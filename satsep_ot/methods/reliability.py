@@ -272,12 +272,13 @@ class ActiveSubspaceReliability:
         proposal = self._propose()
         best, idle, earlier = math.inf, 0, 0.0
         while True:
-            size = self._blockSize
+            # Refits cost time: with many runs they come after a larger share of new ones.
+            size = max(self._blockSize, int(0.1 * self._used()))
             u = self._drawWide(size) if proposal is None else self._drawRuns(proposal, proposal.exploration, size)[0]
             runs = self._evaluate(u, "learning")
             trusted = self._calibrate(runs)
             self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
-            exhausted = self._used() + self._blockSize > limit
+            exhausted = self._used() + size > limit
             proposal = self._propose()
             if proposal is None:
                 if exhausted:
@@ -304,8 +305,8 @@ class ActiveSubspaceReliability:
             needed = max(self._runsNeeded(proposal), self._runsForFailures(proposal))
             done = sum(block.size for block in self._blocks)
             missing = _MINIMUM_BLOCKS - len(self._blocks)
-            size = max(needed / _MINIMUM_BLOCKS if missing > 0 else needed - done, self._blockSize)
-            size = int(min(size, 10 * self._blockSize, remaining / max(missing, 1)))
+            size = max(needed / _MINIMUM_BLOCKS if missing > 0 else needed - done, self._blockSize, 0.1 * done)
+            size = int(min(size, max(10 * self._blockSize, 0.25 * self._used()), remaining / max(missing, 1)))
             if size < 2:
                 self._finish(False, f"the maximum number of evaluations, {self._maximumEvaluations}, was reached")
                 return
@@ -337,8 +338,11 @@ class ActiveSubspaceReliability:
                 return
             self._calibrate(runs)
             self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
-            # The search for the region is random and has a second chance; then the earlier proposal stays valid.
-            proposal = self._propose() or self._propose() or proposal
+            # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
+            # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
+            refitted = self._propose() or self._propose()
+            if refitted is not None and self._isConsistent(refitted, estimate):
+                proposal = refitted
 
     # Their steps. ----------------------------------------------------------------------------------------------------
 
@@ -440,6 +444,12 @@ class ActiveSubspaceReliability:
         selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
         exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
         return _Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
+
+    @staticmethod
+    def _isConsistent(proposal, estimate):
+        """Whether the surrogate's probability lies within five standard deviations of the estimate so far."""
+        deviation = math.sqrt(estimate.variance + proposal.poolVariance) + 0.02 * abs(estimate.probability)
+        return abs(proposal.probability - estimate.probability) <= 5.0 * deviation
 
     def _missesKnownFailures(self):
         """Whether runs drawn as by Monte Carlo, or without a finite value, failed against the surrogate: rare draws of
