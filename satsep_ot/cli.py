@@ -102,6 +102,13 @@ def _parser():
     )
     run.add_argument("case", nargs="?", default="reference", metavar="CASE.toml", help=case_help)
     run.add_argument("--json", action="store_true", help="print JSON, in full precision")
+    run.add_argument(
+        "--at", nargs="+", type=_time, default=[], metavar="T",
+        help="print the motion at these times too [s after the start], beside that at the last release",
+    )  # fmt: skip
+    run.add_argument(
+        "--tolerance", type=_tolerance, default=1e-8, metavar="X", help="relative accuracy of the run (default: 1e-8)"
+    )
 
     study = command(
         "study",
@@ -139,6 +146,24 @@ def _seed(text):
     return _whole(text, 0, 2**31 - 1)
 
 
+def _time(text):
+    return _number_between(text, 0.0, 1000.0, "time in s")
+
+
+def _tolerance(text):
+    return _number_between(text, 1e-13, 1e-2, "tolerance")
+
+
+def _number_between(text, least, most, what):
+    try:
+        value = float(text)
+    except ValueError:
+        value = least - 1.0
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a {what}, a number from {least:g} to {most:g}")
+    return value
+
+
 def _whole(text, least, most):
     if not text.isdecimal() or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"{text} is not a whole number from {least} to {most}")
@@ -165,6 +190,7 @@ def _new(options):
 
 
 def _check(options):
+    from satsep_ot.dynamics.separation import Status
     from satsep_ot.model.case import load_case
 
     case = load_case(options.case)
@@ -179,35 +205,47 @@ def _check(options):
     outcome, quantities = _nominal_run(case)
     console.print(_quantities(quantities))
     console.print(_requirements(case.requirements, quantities))
-    return _report_status(outcome)
+    return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
 
 
 def _simulate(options):
+    from satsep_ot.dynamics.quantities import quantity_table
     from satsep_ot.model.case import load_case
+    from satsep_ot.model.run_document import run_document
 
     case = load_case(options.case)
-    outcome, quantities = _nominal_run(case)
-    release_times = outcome.release_times[0].tolist()
+    document = run_document(case, options.at, options.tolerance)
     if options.json:
-        from satsep_ot.dynamics.separation import Status
-
-        finite = {name: value if value == value else None for name, (value, _, _) in quantities.items()}
-        document = {
-            "case": case.name,
-            "status": Status(int(outcome.status[0])).name,
-            "message": Status(int(outcome.status[0])).sentence,
-            "quantities": finite,
-            "units": {name: unit for name, (_, unit, _) in quantities.items()},
-            "release_times": [time if time == time else None for time in release_times],
-        }
         print(json.dumps(document, indent=2, allow_nan=False))
     else:
+        table = quantity_table(case.separation)
         console = _console()
         console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
-        console.print(_quantities(quantities))
-        for number, time in enumerate(release_times, start=1):
-            console.print(f"spring {number} released at {1e3 * time:.6f} ms")
-    return _report_status(outcome)
+        console.print(
+            _quantities(
+                {name: (_or_nan(document["quantities"][name]), q.unit, q.description) for name, q in table.items()}
+            )
+        )
+        for number, time in enumerate(document["release_times"], start=1):
+            console.print(f"spring {number} released at {1e3 * _or_nan(time):.6f} ms")
+        if document["at_last_release"] and options.at:
+            console.print(_motions(document))
+    return _report_status(document["status"], document["message"])
+
+
+def _or_nan(value):
+    return float("nan") if value is None else value
+
+
+def _motions(document):
+    """The vectors of the motion, column by column: the last release, and the times asked for."""
+    motions = [document["at_last_release"], *document["at"]]
+    titles = ["last release", *(f"{motion['t']:g} s" for motion in document["at"])]
+    table = _table("Motion [SI, rad/s]", "", *(f">{title}" for title in titles))
+    for name in motions[0]:
+        if name != "t":
+            table.add_row(name, *(_numbers(motion[name]) for motion in motions))
+    return table
 
 
 def _study(options):
@@ -319,11 +357,8 @@ def _nominal_run(case):
     return outcome, values
 
 
-def _report_status(outcome):
-    from satsep_ot.dynamics.separation import Status
-
-    status = Status(int(outcome.status[0]))
-    return 0 if status == Status.OK else _fail(f"the nominal separation cannot be simulated: {status.sentence}", 1)
+def _report_status(status, sentence):
+    return 0 if status == "OK" else _fail(f"the nominal separation cannot be simulated: {sentence}", 1)
 
 
 def _console():
