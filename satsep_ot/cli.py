@@ -10,7 +10,10 @@ from pathlib import Path
 from satsep_ot import __version__
 
 METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
-_EXIT_CODES = "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input, 130 interrupted"
+_EXIT_CODES = (
+    "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input,\n"
+    "  3 a requirement is not met (study with --fail-unless-met), 130 interrupted"
+)
 
 
 def main(arguments=None) -> int:
@@ -24,7 +27,8 @@ def main(arguments=None) -> int:
     Returns
     -------
     code : int
-        0 success, 1 a separation could not be simulated, 2 bad input, 130 interrupted.
+        0 success, 1 a separation could not be simulated, 2 bad input, 3 a requirement is not met where that was asked
+        for, 130 interrupted.
 
     Examples
     --------
@@ -64,7 +68,7 @@ def _parser():
         "  satsep-ot new mine.toml            write an annotated case to start from\n"
         "  satsep-ot check mine.toml          see what the program understands\n"
         "  satsep-ot simulate mine.toml       one nominal run\n"
-        "  satsep-ot study mine.toml          probabilities, tables and figures\n"
+        "  satsep-ot study mine.toml          probabilities, and a report that one reads\n"
         "  satsep-ot study                    the same for the reference case of the package\n\n" + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -135,11 +139,32 @@ def _parser():
         "--runs", type=_positive, default=500_000, metavar="N",
         help="runs of the Monte Carlo sample, which all requirements share (default: 500000)",
     )  # fmt: skip
+    study.add_argument(
+        "--tolerances", type=_count, default=2, metavar="N",
+        help="of each requirement, halve the N strongest tolerances to see what that buys (default: 2)",
+    )  # fmt: skip
+    study.add_argument(
+        "--fail-unless-met", action="store_true",
+        help="exit with 3 unless every requirement is met with 95 %% confidence",
+    )  # fmt: skip
+    study.add_argument("--json", action="store_true", help="print what is in results.json instead of tables")
+
+    report = command(
+        "report",
+        _report,
+        "write report.html again from the results of a study, without running anything",
+        "  satsep-ot report satsep-study",
+    )
+    report.add_argument("directory", type=Path, metavar="RESULTS_DIR", help="what `satsep-ot study --output` wrote")
     return parser
 
 
 def _positive(text):
     return _whole(text, 1, 10**9)
+
+
+def _count(text):
+    return _whole(text, 0, 100)
 
 
 def _seed(text):
@@ -262,22 +287,64 @@ def _study(options):
     options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=options.output):
         pass
-    study = SeparationStudy(SeparationProblem(case), options.methods, options.seed, options.runs)
-    with _progress() as show:
-        study.setProgressCallback(show)
-        study.run()
-        show("figures", 0.97)
-        paths = study.save(options.output)
-        show("done", 1.0)
+    study = SeparationStudy(
+        SeparationProblem(case), options.methods, options.seed, options.runs, toleranceSize=options.tolerances
+    )
+    try:
+        with _progress() as show:
+            study.setProgressCallback(show)
+            study.run()
+            show("figures and report", 0.95)
+            paths = study.save(options.output)
+            show("done", 1.0)
+    except KeyboardInterrupt:
+        if not study.getRows():
+            return _fail("interrupted; no probability was finished, nothing is kept", 130)
+        path = study.saveRows(options.output)
+        return _fail(f"interrupted; the probabilities finished so far are kept in {path}", 130)
+    verdicts = study.getVerdicts()
+    if options.json:
+        print((options.output / "results.json").read_text(encoding="utf-8"), end="")
+    else:
+        _print_study(case.name, study, verdicts, paths)
+    if options.fail_unless_met and any(verdict.status != "met" for verdict in verdicts):
+        return _fail("not every requirement is met with 95 % confidence", 3)
+    return 0
+
+
+def _print_study(name, study, verdicts, paths):
+    from satsep_ot.studies.verdicts import headline
+
     console = _console()
-    console.print(_study_table(case.name, study.getRows()))
+    console.print(f"[bold]{_plain(headline(verdicts))}[/bold]")
+    for verdict in verdicts:
+        console.print(f"  {_plain(verdict.requirement)}: {_plain(verdict.sentence)}")
+    console.print()
+    console.print(_study_table(name, study.getRows()))
     console.print("[bold]Remarks[/bold]")
     for line in _study_remarks(study.getRows()):
         console.print(line)
     console.print()
     for remark in study.getRemarks():
         console.print(f"[bold]![/bold] {_plain(remark)}")
-    console.print(f"\nwritten to {_plain(str(options.output))}: {', '.join(path.name for path in paths)}")
+    for requirement, halved in study.getTolerances().items():
+        for row in halved:
+            console.print(
+                f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
+                f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
+            )
+    # Not through the console, which would fold a long path.
+    print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")
+
+
+def _report(options):
+    from satsep_ot.studies.report import ReportError, write_report
+
+    try:
+        path = write_report(options.directory)
+    except ReportError as error:
+        return _fail(error, 2)
+    print(f"{path} written: open it in a browser")
     return 0
 
 

@@ -1,6 +1,7 @@
 """The command line: what it prints, its exit codes, and one sentence instead of a traceback."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -131,7 +132,15 @@ def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["fly"], ["check"], ["study", "--seed", "-1"], ["study", "--runs", "0"], ["study", "--methods", "Guess"]],
+    [
+        [],
+        ["fly"],
+        ["check"],
+        ["report"],
+        ["study", "--seed", "-1"],
+        ["study", "--runs", "0"],
+        ["study", "--methods", "Guess"],
+    ],
 )
 def test_wrong_arguments(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
@@ -140,7 +149,7 @@ def test_wrong_arguments(arguments, capsys):
     assert "usage: satsep-ot" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [[], ["new"], ["check"], ["simulate"], ["study"]])
+@pytest.mark.parametrize("arguments", [[], ["new"], ["check"], ["simulate"], ["study"], ["report"]])
 def test_help_has_examples(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main([*arguments, "--help"])
@@ -181,10 +190,81 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
         "requirement", "method", "probability", "lower95", "upper95", "coefficient_of_variation", "evaluations",
         "gradients", "seconds", "converged", "note",
     ]  # fmt: skip
-    figures = {path.name for path in output.iterdir()} - {"results.json"}
-    assert figures == {
-        "separation.png", "eigenvalues.png", "sufficient_summary.png", "densities.png", "probabilities.png",
+    assert {path.name for path in output.iterdir()} == {
+        "results.json", "motion.json", "case.toml", "figures", "report.html",
     }  # fmt: skip
+    figures = {figure["file"] for figure in results["figures"]}
+    assert {path.name for path in (output / "figures").iterdir()} == figures
+    assert "open " + str(output / "report.html") in captured.out
+
+
+ROLLING = (
+    '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.05 }\n'
+    'rate_y = { quantity = "initial.rates.y", sigma = 0.4 }\n'
+    '[[requirements]]\nname = "rolling"\nquantity = "spin"\nmaximum = 1.0\nallowed_probability = 1e-3\n'
+)
+
+
+def test_study_says_by_its_exit_code_that_a_requirement_is_not_met(tmp_path, capsys):
+    output = tmp_path / "results"
+    arguments = [
+        "study",
+        small(tmp_path, ROLLING),
+        "--output",
+        str(output),
+        "--runs",
+        "5000",
+        "--methods",
+        "MonteCarlo",
+    ]
+    assert cli.main([*arguments, "--fail-unless-met", "--json"]) == 3
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert document == json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert document["verdicts"][0]["status"] == "not met"
+    assert "not every requirement is met" in captured.err
+
+
+def test_interrupted_study_stops_and_says_what_it_kept(tmp_path, monkeypatch, capsys):
+    from satsep_ot.studies.separation_study import SeparationStudy
+
+    run, done = SeparationStudy._runMethod, []
+
+    def interrupt_the_second(study, *arguments):
+        if done:
+            raise KeyboardInterrupt
+        done.append(arguments)
+        return run(study, *arguments)
+
+    monkeypatch.setattr(SeparationStudy, "_runMethod", interrupt_the_second)
+    output = tmp_path / "results"
+    arguments = ["study", small(tmp_path, ROLLING), "--output", str(output), "--runs", "1000", "--methods"]
+    assert cli.main([*arguments, "FORM", "MonteCarlo"]) == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"satsep-ot: interrupted; the probabilities finished so far are kept in {output / 'results.json'}"
+    results = json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert results["complete"] is False
+    assert [(row["requirement"], row["method"]) for row in results["rows"]] == [("rolling", "FORM")]
+    assert cli.main(["report", str(output)]) == 2
+
+
+def test_ctrl_c_stops_the_program_within_a_second(tmp_path):
+    """A signal in the middle of the Monte Carlo sample, to the program as a user runs it."""
+    command = [sys.executable, "-m", "satsep_ot", "study", small(tmp_path, ROLLING), "--output", str(tmp_path / "out")]
+    with subprocess.Popen(
+        [*command, "--runs", "100000000"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        while "Monte Carlo runs" not in process.stderr.readline():
+            assert process.poll() is None
+        time.sleep(0.5)
+        start = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        _, errors = process.communicate(timeout=60)
+        taken = time.perf_counter() - start
+    assert process.returncode == 130
+    assert errors.splitlines()[-1].startswith("satsep-ot: interrupted")
+    assert "Traceback" not in errors
+    assert taken < 2.0
 
 
 def test_study_table_fits_a_terminal_of_80_columns():
