@@ -499,9 +499,10 @@ def _conditions(separation):
     if separation.orbit is None:
         yield "No gravity"
     else:
-        torque = "on" if separation.gradient_torque else "off"
+        torque, j2 = ("on" if given else "off" for given in (separation.gradient_torque, separation.orbit.j2))
         position, velocity = separation.orbit.position, separation.orbit.velocity
         yield f"Orbit: position {_numbers(position, 1e-3)} km, velocity {_numbers(velocity, 1e-3)} km/s"
+        yield f"Period {separation.orbit.period / 60.0:.6g} min; J2 {j2} in the coast"
         yield f"Gravity-gradient torque: {torque}"
         yield f"Attitude quaternion {_numbers(separation.attitude)} (w, x, y, z)"
     if separation.envelope is None:

@@ -55,7 +55,8 @@ def test_check_prints_the_case_as_understood(capsys):
     out = capsys.readouterr().out
     for words in (
         "mass [kg]", "1500, 600, 1500, 0, 0, 0", "0, -1600, 0", "Springs (guided)", "315", "Spring energy 16.5 J",
-        "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km", "8 points, 4 of them in a recess",
+        "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km",
+        "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in a recess",
         "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
         "0.597912", "lateral_rate <= 2.5", "axial_velocity >= 0.59",
     ):  # fmt: skip
