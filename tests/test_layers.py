@@ -17,7 +17,7 @@ ALLOWED = {
 STANDARD_LIBRARY = {
     "abc", "base64", "collections", "concurrent", "contextlib", "csv", "dataclasses", "datetime", "difflib", "enum",
     "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "re",
-    "tempfile", "time", "tomllib", "types", "typing", "warnings",
+    "tempfile", "time", "tomllib", "types", "typing", "warnings", "zipfile",
 }  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import openturns as ot
 from scipy.special import ndtr
 
+from satsep_ot.methods.failure_sample import FailureSample
 from satsep_ot.methods.importance_proposal import Pool, fitImportantRegion
 from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
@@ -15,8 +16,10 @@ from satsep_ot.methods.reliability_result import (
     ActiveSubspaceReliabilityResult,
     Block,
     Estimate,
-    clopperPearson,
+    IntervalLaw,
+    SurrogateView,
     diagnose,
+    failureSampleOf,
 )
 from satsep_ot.methods.single_thread import singleThread
 from satsep_ot.methods.subset_simulation import runSubsetSimulation
@@ -315,6 +318,8 @@ class ActiveSubspaceReliability:
             failure = proposal.failure[chosen]
             self._blocks.append(
                 Block(
+                    proposal.surrogate,
+                    proposal.failure,
                     proposal.pool,
                     proposal.probability,
                     proposal.poolVariance,
@@ -506,13 +511,20 @@ class ActiveSubspaceReliability:
         self._store(
             max(estimate.probability, 0.0),
             estimate.variance,
-            estimate.interval,
+            estimate.law(),
             estimate.surrogateProbability,
             diagnostics,
             converged,
             reason,
             "ActiveSubspace",
+            self._laterFailureSample(),
         )
+
+    def _laterFailureSample(self):
+        """Made when it is asked for, and the same whenever that is."""
+        blocks, limitState = list(self._blocks), self._limitState
+        seed = int(self._generator.integers(2**31))
+        return lambda: failureSampleOf(blocks, limitState, np.random.default_rng(seed))
 
     def _finishFromNominalRuns(self, converged, reason):
         """The first, normal runs are a small Monte Carlo sample: what is left where nothing else is."""
@@ -522,7 +534,7 @@ class ActiveSubspaceReliability:
         self._store(
             share,
             share * (1.0 - share) / size,
-            lambda level: clopperPearson(failures, size, level),
+            IntervalLaw(failures=failures, runs=size),
             None,
             {
                 "true failures": float(failures),
@@ -532,6 +544,7 @@ class ActiveSubspaceReliability:
             converged,
             f"{reason}; the estimate is from the first {size} runs, drawn as by Monte Carlo",
             "MonteCarlo",
+            FailureSample.ofMonteCarlo(runs.x, runs.failed),
         )
 
     def _handOver(self, why):
@@ -547,37 +560,40 @@ class ActiveSubspaceReliability:
                 f"; it found no failure before the evaluations ended, at a level of probability {subset.upperBound:.1e}"
             )
 
-        def interval(level):
-            if math.isinf(variation):
-                return 0.0, clopperPearson(0, len(self._initial), level)[1]
-            width = -ot.DistFunc.qNormal(0.5 - 0.5 * level) * math.sqrt(math.log1p(variation**2))
-            return subset.probability * math.exp(-width), min(subset.probability * math.exp(width), 1.0)
-
+        squared = (variation * subset.probability) ** 2 if subset.probability > 0.0 else 0.0
+        law = IntervalLaw(subset.probability, squared)
+        if math.isinf(variation):
+            law = IntervalLaw(failures=0, runs=len(self._initial))
         self._store(
             subset.probability,
-            (variation * subset.probability) ** 2 if subset.probability > 0.0 else 0.0,
-            interval,
+            squared,
+            law,
             None,
             {"true failures": float(subset.runs.failed.sum()), "not finite": float(self._limitState.nonFiniteNumber)},
             variation <= self._targetCoefficientOfVariation,
             reason,
             "SubsetSimulation",
+            None,
         )
 
-    def _store(self, probability, variance, interval, surrogateProbability, diagnostics, converged, reason, method):
+    def _store(
+        self, probability, variance, law, surrogateProbability, diagnostics, converged, reason, method, failureSample
+    ):
+        runs, surrogate, limitState = Runs.concatenate(self._runs), self._surrogate, self._limitState
         self._result = ActiveSubspaceReliabilityResult(
             self._event,
+            limitState.distribution,
             probability,
             variance,
-            interval,
+            law,
             surrogateProbability,
             dict(self._phases),
             diagnostics,
             converged,
             reason,
             method,
-            self._surrogate,
-            self._limitState,
-            Runs.concatenate(self._runs),
+            runs,
             list(self._history),
+            None if surrogate is None else lambda: SurrogateView.of(surrogate, limitState, runs),
+            failureSample,
         )
