@@ -283,7 +283,7 @@ def test_rows_that_are_no_state_are_nan_and_harm_no_other():
 
 
 @settings(max_examples=30, deadline=None)
-@given(st.floats(0.0, 0.7), st.floats(0.0, 3.1), st.floats(-3.1, 3.1), st.floats(0.01, 100.0), st.booleans())
+@given(st.floats(0.0, 0.9), st.floats(0.0, 3.1), st.floats(-3.1, 3.1), st.floats(0.01, 100.0), st.booleans())
 def test_twice_the_steps_change_nothing(e, inclination, anomaly, speed, j2):
     """The steps are fine enough for every closed orbit that keeps clear of the Earth, and speeds to 100 m/s."""
     orbit = Orbit.from_elements(6.7e6 / (1.0 - e), e, inclination, 0.4, 0.3, anomaly, j2=j2)
@@ -293,7 +293,7 @@ def test_twice_the_steps_change_nothing(e, inclination, anomaly, speed, j2):
         patch.setattr(relative_orbit, "STEPS_PER_ORBIT", 2 * relative_orbit.STEPS_PER_ORBIT)
         fine = coast(state, 0.1, MASSES, orbit, times)
     size = np.linalg.norm(fine[:, 3:6], axis=1).max()
-    assert np.abs(usual[:, 3:6] - fine[:, 3:6]).max() < 2e-8 * size
+    assert np.abs(usual[:, 3:6] - fine[:, 3:6]).max() < 5e-8 * size
 
 
 def test_the_order_of_the_method():
@@ -331,6 +331,8 @@ def test_arguments_that_are_not_allowed():
     escape = Orbit([7e6, 0.0, 0.0], [0.0, 1.2e4, 0.0])
     with pytest.raises(ValueError, match="not closed"):
         closest_approaches([np.zeros(20)], [0.0], [MASSES], escape)
+    with pytest.raises(ValueError, match=r"the orbit has the eccentricity 0.95; up to 0.9 is allowed"):
+        closest_approaches([np.zeros(20)], [0.0], [MASSES], Orbit.from_elements(2e8, 0.95, 0.1, 0.2, 0.3, 0.4))
     with pytest.raises(ValueError, match=re.escape("masses has shape (2, 2); (1, 2) is allowed")):
         closest_approaches([np.zeros(20)], [0.0], [MASSES, MASSES], CIRCULAR)
     with pytest.raises(ValueError, match="times: finite ones that are not negative"):

@@ -20,6 +20,8 @@ and xi' = n, the unit vector of rho, at the minimum, and flown back to the relea
 once for each body. The time of a minimum inside the window does not enter (envelope theorem), and the ends of the
 window do not move with a run.
 
+Validated for eccentricities to 0.9 and relative speeds to 100 m/s; there is no drag, and the Earth has no surface.
+
 J2: Vallado, *Fundamentals of Astrodynamics and Applications* (2013), section 8.7. Kepler's equation from any point of
 the orbit: Battin (1999), section 4.3.
 """
@@ -41,6 +43,7 @@ from satsep_ot.dynamics.rotations import rotation_matrix, rotation_matrix_elemen
 from satsep_ot.dynamics.system import STATE_SIZE
 
 MAXIMUM_ORBITS = 100.0
+MAXIMUM_ECCENTRICITY = 0.9
 GRADIENT_SIZE = STATE_SIZE + 3
 STEPS_PER_ORBIT = 40  # a circular one
 RUNS_PER_THREAD = 100  # before another thread is worth its start
@@ -317,6 +320,20 @@ def anomaly_after(angle, p, s):
     return x
 
 
+def check_orbit(orbit):
+    """Refuse an orbit that no coast can be computed on, with a ValueError."""
+    if not math.isfinite(orbit.period):
+        raise ValueError("the orbit is not closed, so it has no period; a velocity below that of escape is allowed")
+    radius = np.linalg.norm(orbit.position)
+    momentum, energy = (
+        np.cross(orbit.position, orbit.velocity),
+        0.5 * orbit.velocity @ orbit.velocity - orbit.mu / radius,
+    )
+    eccentricity = math.sqrt(max(0.0, 1.0 + 2.0 * energy * (momentum @ momentum) / orbit.mu**2))
+    if not eccentricity <= MAXIMUM_ECCENTRICITY:
+        raise ValueError(f"the orbit has the eccentricity {eccentricity:.4g}; up to {MAXIMUM_ECCENTRICITY} is allowed")
+
+
 class KeplerOrbit(NamedTuple):
     """O on its orbit at n times."""
 
@@ -330,8 +347,7 @@ class KeplerOrbit(NamedTuple):
 
 def kepler_orbit(orbit, times):
     """O at the times (n,) on its closed orbit, by Lagrange's coefficients in the eccentric anomaly."""
-    if not math.isfinite(orbit.period):
-        raise ValueError("the orbit is not closed, so it has no period; a velocity below that of escape is allowed")
+    check_orbit(orbit)
     mean_motion = 2.0 * math.pi / orbit.period
     axis = (orbit.mu / mean_motion**2) ** (1.0 / 3.0)
     radius, root = math.sqrt(orbit.position @ orbit.position), math.sqrt(orbit.mu * axis)
@@ -452,7 +468,7 @@ def closest_approaches(states, release_times, masses, orbit, window=None, gradie
     Raises
     ------
     ValueError
-        If a shape is not allowed, or the orbit is not closed.
+        If a shape is not allowed, or the orbit is not closed or too eccentric.
 
     Examples
     --------
@@ -516,7 +532,7 @@ def coast(state, release_time, masses, orbit, times):
     Raises
     ------
     ValueError
-        If a time is negative, or the orbit is not closed.
+        If a time is negative, or the orbit is not closed or too eccentric.
 
     Examples
     --------
@@ -556,8 +572,6 @@ def stack_orbit(separation):
     share = satellite.mass / (platform.mass + satellite.mass)
     arm = share * (satellite.center_of_mass - platform.center_of_mass)
     turn = rotation_matrix(separation.attitude)
-    position, velocity = (
-        np.array(motion[:3]) + turn @ arm,
-        np.array(motion[3:]) + turn @ np.cross(separation.rates, arm),
-    )
+    position = np.array(motion[:3]) + turn @ arm
+    velocity = np.array(motion[3:]) + turn @ np.cross(separation.rates, arm)
     return Orbit(position, velocity, separation.orbit.mu, separation.orbit.j2)
