@@ -602,6 +602,7 @@ class ActiveSubspaceReliabilityResult:
                 graph.add(ot.Cloud(ot.Sample(active[rows][:, :2]), color, "fcircle" if failed else "circle", legend))
         graph.add(limit)
         graph.setLegendPosition("upper right")
+        _addRoom(graph, above=0.3)
         return graph
 
     def drawWeights(self) -> ot.Graph:
@@ -671,10 +672,20 @@ class ActiveSubspaceReliabilityResult:
                 graph.add(bar)
             graph.add(ot.Cloud(ot.Sample(points), color, style, name))
         for row, height in zip(rows, heights, strict=True):
-            text = ot.Text([[0.0, height + 0.3]], [f"{row.input}: {100.0 * row.share:.0f} %"])
+            text = ot.Text([[0.5, height + 0.35]], [f"{row.input}: {100.0 * row.share:.0f} %"])
             text.setColor("black")
+            text.setTextSize(1.1)
             graph.add(text)
+        _addRoom(graph, below=0.25)
         return graph
+
+
+def _addRoom(graph, below=0.0, above=0.0):
+    """Extend the vertical axis by shares of its length, for the legend."""
+    box = graph.getBoundingBox()
+    lower, upper = box.getLowerBound(), box.getUpperBound()
+    height = upper[1] - lower[1]
+    graph.setBoundingBox(ot.Interval([lower[0], lower[1] - below * height], [upper[0], upper[1] + above * height]))
 
 
 def diagnose(blocks: list[Block], calibration: float, nominalRuns: int, notFinite: int) -> dict[str, float]:
