@@ -87,16 +87,26 @@ def _parser():
         return added
 
     case_help = "a case file, or the name of a case in the package (default: reference)"
-    new = command("new", _new, "write an annotated case file to start from", "  satsep-ot new mine.toml")
+    new = command(
+        "new",
+        _new,
+        "write an annotated case file to start from",
+        "  satsep-ot new mine.toml\n  satsep-ot new mine.toml --like cubesat",
+    )
     new.add_argument("file", type=Path, metavar="FILE", help="the file to write; an existing one is not overwritten")
+    new.add_argument(
+        "--like", default="reference", metavar="NAME",
+        help="the case of the package to start from (default: reference, which explains every key)",
+    )  # fmt: skip
 
     check = command(
         "check",
         _check,
         "print a case as it is understood, the range of each uncertain input, and the nominal run",
-        "  satsep-ot check mine.toml\n  satsep-ot check reference",
+        "  satsep-ot check mine.toml\n  satsep-ot check reference\n  satsep-ot check mine.toml --json",
     )
     check.add_argument("case", metavar="CASE.toml", help=case_help.removesuffix(" (default: reference)"))
+    check.add_argument("--json", action="store_true", help="print JSON: inputs, warnings, nominal run, requirements")
 
     run = command(
         "simulate",
@@ -201,13 +211,18 @@ def _fail(message, code):
 
 
 def _new(options):
-    from importlib import resources
+    import re
 
-    text = (resources.files("satsep_ot.model") / "cases" / "reference.toml").read_text(encoding="utf-8")
+    from satsep_ot.model.case import load_case, shipped_cases
+
+    if options.like not in shipped_cases():
+        return _fail(f"{options.like} is no case of the package; there are {', '.join(shipped_cases())}", 2)
+    text = load_case(options.like).text
     try:
         # "x" leaves no moment in which a file that appears meanwhile could be lost.
         with options.file.open("x", encoding="utf-8") as stream:
-            stream.write(text.replace('name = "reference"', f"name = {json.dumps(options.file.stem)}", 1))
+            name = json.dumps(options.file.stem)
+            stream.write(re.sub(r"^name = .*$", lambda _: f"name = {name}", text, count=1, flags=re.MULTILINE))
     except FileExistsError:
         return _fail(f"{options.file} exists already and is not overwritten; give another name", 2)
     print(f"{options.file} written: edit it, then run\n  satsep-ot check {options.file}")
@@ -217,8 +232,14 @@ def _new(options):
 def _check(options):
     from satsep_ot.dynamics.separation import Status
     from satsep_ot.model.case import load_case
+    from satsep_ot.model.plausibility import implausibilities
 
     case = load_case(options.case)
+    outcome, quantities = _nominal_run(case)
+    warnings = implausibilities(case)
+    if options.json:
+        print(json.dumps(_check_document(case, quantities, warnings), indent=2, allow_nan=False))
+        return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
     console = _console()
     separation = case.separation
     console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
@@ -227,10 +248,66 @@ def _check(options):
     for line in _conditions(separation):
         console.print(line)
     console.print(_inputs(case.inputs))
-    outcome, quantities = _nominal_run(case)
+    for first, second, coefficient in _correlated(case):
+        console.print(f"{_plain(first)} and {_plain(second)} are correlated: {coefficient:g}")
     console.print(_quantities(quantities))
     console.print(_requirements(case.requirements, quantities))
+    for warning in warnings:
+        console.print(f"[bold]! implausible[/bold]  {_plain(warning)}")
     return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
+
+
+def _check_document(case, quantities, warnings):
+    """What `check` understood, as plain data; a number that a failed run does not have is null."""
+    from satsep_ot.model.inputs import quantile_range
+
+    return {
+        "case": case.name,
+        "description": case.description,
+        "inputs": [
+            {
+                "name": row.name,
+                "unit": row.unit,
+                "distribution": str(row.distribution),
+                "nominal": row.reference,
+                "range": list(quantile_range(row.distribution)),
+                "description": row.description,
+            }
+            for row in case.inputs
+        ],
+        "correlation": [
+            {"inputs": [first, second], "coefficient": coefficient} for first, second, coefficient in _correlated(case)
+        ],
+        "nominal": {
+            name: {"value": value if value == value else None, "unit": unit}
+            for name, (value, unit, _) in quantities.items()
+        },
+        "requirements": [
+            {
+                "name": entry.name,
+                "quantity": entry.quantity,
+                "maximum" if entry.is_maximum else "minimum": entry.limit,
+                "allowed_probability": entry.allowed_probability,
+            }
+            for entry in case.requirements
+        ],
+        "warnings": warnings,
+    }
+
+
+def _correlated(case):
+    """(name, name, coefficient of the normal copula) of each pair that is correlated."""
+    if case.copula is None:
+        return
+    matrix = case.copula.getParameter()
+    names = [row.name for row in case.inputs]
+    place = 0
+    # The parameter of a NormalCopula is the lower triangle of its matrix, row by row.
+    for i in range(1, len(names)):
+        for j in range(i):
+            if matrix[place]:
+                yield names[j], names[i], matrix[place]
+            place += 1
 
 
 def _simulate(options):
@@ -480,15 +557,9 @@ def _springs(separation):
 def _conditions(separation):
     from math import degrees, sqrt
 
-    energy = sum(
-        k * s * (x - 0.5 * s)
-        for k, x, s in zip(
-            separation.springs.stiffness,
-            separation.springs.deformation,
-            map(min, separation.springs.stroke, separation.springs.deformation),
-            strict=True,
-        )
-    )
+    from satsep_ot.model.plausibility import push_energy
+
+    energy = push_energy(separation)
     reduced = 1.0 / (1.0 / separation.platform.mass + 1.0 / separation.satellite.mass)
     yield f"Spring energy {energy:.6g} J, enough for {sqrt(2.0 * energy / reduced):.6g} m/s"
     if separation.stowed_length:
