@@ -26,6 +26,7 @@ from scipy.integrate import DOP853, solve_ivp
 from separation_cases import truth_separation
 
 from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.model.inputs import ParameterMap
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -128,7 +129,8 @@ def quaternion_rate(q, o):
 def scipy_run(separation, row, rtol=1e-8, atol=1e-12):
     """One run by solve_ivp: relative position and velocity, rates and quaternions, in inertial axes.
 
-    It starts anew where a spring starts to push or is released, as the force jumps there.
+    It starts anew where a spring starts to push or is released, as the force jumps there. It does guided springs and
+    struts, gravity and its torque, but no mounting error.
     """
     value = dict(zip(separation.parameter_names(), row, strict=True))
     mass, inertia, inverse, cg = [], [], [], []
@@ -146,7 +148,8 @@ def scipy_run(separation, row, rtol=1e-8, atol=1e-12):
     release_stroke, flat = np.minimum(stroke, deformation), np.zeros(len(angle))
     seats = np.stack([radius * np.cos(angle), flat, radius * np.sin(angle)], axis=1)
     guides = np.stack([-np.sin(cant) * np.sin(angle), np.cos(cant), np.sin(cant) * np.cos(angle)], axis=1)
-    seats_1, seats_2 = seats - cg[0], seats - cg[1]
+    stowed, strut = value["stowed_length"], separation.force_line == ForceLine.STRUT
+    seats_1, seats_2 = seats + stowed * (np.array([0.0, 1.0, 0.0]) - guides) - cg[0], seats - cg[1]
     inverse_mass = 1.0 / mass[0] + 1.0 / mass[1]
     gravity = separation.orbit is not None
     mu, *orbit = separation.platform_orbit()
@@ -156,22 +159,31 @@ def scipy_run(separation, row, rtol=1e-8, atol=1e-12):
     def strokes(x):
         turn_1 = rotation(x[12:16])
         contacts = seats_2 @ rotation(x[16:20]).T + x[0:3]
+        between = contacts - seats_1 @ turn_1.T
+        if strut:
+            length = np.sqrt((between * between).sum(axis=1))
+            return length - stowed, contacts, between / length[:, None]
         directions = guides @ turn_1.T
-        return ((contacts - seats_1 @ turn_1.T) * directions).sum(axis=1), contacts, directions
+        return (between * directions).sum(axis=1), contacts, directions
 
     def slope(t, x):
         turn_1, turn_2, rates_1, rates_2 = rotation(x[12:16]), rotation(x[16:20]), x[6:9], x[9:12]
         s, contacts, directions = strokes(x)
         forces = (stiffness * (deformation - s) * active)[:, None] * directions
         acceleration = inverse_mass * forces.sum(axis=0)
+        moment_1, moment_2 = -turn_1.T @ moment(contacts, forces), turn_2.T @ moment(contacts - x[0:3], forces)
         k = np.empty(x.size)
         if gravity:
             k[20:23], k[23:26] = x[23:26], -mu / (x[20:23] @ x[20:23]) ** 1.5 * x[20:23]
             there = x[20:23] + x[0:3]
             acceleration = acceleration - mu / (there @ there) ** 1.5 * there - k[23:26]
+            if separation.gradient_torque:
+                up_1, up_2 = turn_1.T @ x[20:23], turn_2.T @ there
+                moment_1 = moment_1 + 3.0 * mu / (up_1 @ up_1) ** 2.5 * cross(up_1, inertia[0] @ up_1)
+                moment_2 = moment_2 + 3.0 * mu / (up_2 @ up_2) ** 2.5 * cross(up_2, inertia[1] @ up_2)
         k[0:3], k[3:6] = x[3:6], acceleration
-        k[6:9] = inverse[0] @ (-turn_1.T @ moment(contacts, forces) - cross(rates_1, inertia[0] @ rates_1))
-        k[9:12] = inverse[1] @ (turn_2.T @ moment(contacts - x[0:3], forces) - cross(rates_2, inertia[1] @ rates_2))
+        k[6:9] = inverse[0] @ (moment_1 - cross(rates_1, inertia[0] @ rates_1))
+        k[9:12] = inverse[1] @ (moment_2 - cross(rates_2, inertia[1] @ rates_2))
         k[12:16], k[16:20] = quaternion_rate(x[12:16], rates_1), quaternion_rate(x[16:20], rates_2)
         return k
 
@@ -187,7 +199,7 @@ def scipy_run(separation, row, rtol=1e-8, atol=1e-12):
 
     to_release.terminal, to_release.direction = True, 1.0
     turn, rates = rotation(separation.attitude), row[[separation.parameter_names().index(f"rates.{i}") for i in "xyz"]]
-    arm = cg[1] - cg[0]
+    arm = cg[1] - cg[0] + np.array([0.0, stowed, 0.0])
     x = np.concatenate([turn @ arm, turn @ cross(rates, arm), rates, rates, separation.attitude, separation.attitude])
     x, t = np.concatenate([x, orbit]) if gravity else x, 0.0
     options = {"method": "DOP853", "rtol": rtol, "atol": atol}
