@@ -161,15 +161,15 @@ class PolynomialBasis:
         values = np.empty((self.size, len(points))) if out is None else out
         block = max(256, BLOCK_NUMBERS // self.size)
         for start in range(0, len(points), block):
-            part = values[:, start : start + block]
-            if self.dimension == 1:
-                self._univariate(points[start : start + block], part)
-            else:
-                self._multiply(self._univariate(points[start : start + block]), part)
+            self._evaluate_block(points[start : start + block], values[:, start : start + block])
         return values
 
-    def _multiply(self, table, values):
-        """Terms (size, n) from the univariate values (degree + 1, dimension, n)."""
+    def _evaluate_block(self, points, values):
+        """All terms (size, n) at few enough points."""
+        if self.dimension == 1:
+            self._univariate(points, values)
+            return
+        table = self._univariate(points)
         values[0] = 1.0
         for first, last, parent, variable, order in self._blocks:
             if parent == 0:
@@ -446,7 +446,7 @@ def fit_polynomial(
     >>> fit.coefficients.round(4).tolist()
     [1.0, 0.0, 1.4142]
     """
-    points = np.asarray(points, dtype=float)
+    points = basis._points(points)
     values = np.asarray(values, dtype=float)
     if values.ndim not in (1, 2) or len(values) != len(points):
         raise ValueError(f"The values must have shape ({len(points)},) or ({len(points)}, p), got {values.shape}.")
@@ -476,7 +476,8 @@ def _least_squares(basis, points, values, weights, allow_deficient):
         triangle, coefficients, failed = _POSV(normal[:, :size], normal[:, size:])
         if not failed:
             condition = _triangle_condition(triangle)
-            if condition < NORMAL_CONDITION * math.sqrt(size) and math.isfinite(coefficients.sum()):
+            # An output that is not finite spoils all of its coefficients.
+            if condition < NORMAL_CONDITION * math.sqrt(size) and all(map(math.isfinite, coefficients[0])):
                 coefficients = coefficients.reshape(size, *values.shape[1:])
                 return PolynomialFit(basis, points, values, weights, coefficients, triangle, size, condition)
     factored = _factorise(basis, points, columns, weights)
@@ -522,16 +523,17 @@ def _normal_equations(basis, points, columns, weights):
     for start in range(0, len(points), block):
         some = slice(start, start + block)
         system = buffer[:, : len(points) - start]
-        basis.evaluate(points[some], out=system[:size])
+        design = system[:size]
+        basis._evaluate_block(points[some], design)
         system[size:] = columns[some].T
         if scale is not None:
             system *= scale[some]
         if size < SYMMETRIC_PRODUCT_SIZE:
-            part = system[:size] @ system.T
+            part = design @ system.T
         else:
             part = np.empty((size, width))
-            np.matmul(system[:size], system[:size].T, out=part[:, :size])
-            np.matmul(system[:size], system[size:].T, out=part[:, size:])
+            np.matmul(design, design.T, out=part[:, :size])
+            np.matmul(design, system[size:].T, out=part[:, size:])
         normal = part if normal is None else np.add(normal, part, out=normal)
     return normal
 
