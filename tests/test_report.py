@@ -147,7 +147,8 @@ def test_halving_the_tolerance_that_drives_a_quantity_is_worth_something(results
     assert next(iter(results["drivers"][rolling])) == "rate_y"
     assert sum(results["drivers"][rolling].values()) == pytest.approx(1.0)
     halved = results["tightened"][rolling][0]
-    # P(|rate_y| > 1 deg/s) at a deviation of 0.4 is 1.2e-2, at 0.2 it is 5.7e-7.
+    # P(|rate_y| > 1 deg/s) at a deviation of 0.4 is 1.24e-2, at 0.36 it is 5.48e-3, at 0.2 it is 5.7e-7.
+    assert results["ratios"][rolling]["rate_y"] == pytest.approx(0.442, rel=0.05)
     assert halved["tolerance"] == "rate_y"
     assert halved["upper95"] < 1e-5
 

@@ -7,7 +7,7 @@ import openturns as ot
 
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.model.case import SYSTEM
-from satsep_ot.model.inputs import ParameterMap
+from satsep_ot.model.inputs import ParameterMap, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -86,6 +86,93 @@ def driver_shares(case, subspaces):
     by_input = dict(zip((row.name for row in case.inputs), total, strict=True))
     shares = {name: float(sum(by_input[row.name] for row in rows)) for name, rows in tolerances(case).items()}
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def importance_shares(case, result):
+    """The share of each tolerance in the violations themselves.
+
+    Parameters
+    ----------
+    case : :class:`satsep_ot.model.case.Case`
+    result : :class:`satsep_ot.methods.reliability_result.ActiveSubspaceReliabilityResult`
+
+    Returns
+    -------
+    shares : dict of str to float
+        By tolerance, the largest first; they sum to 1. How far the law of each input among the violations is from its
+        law (`computeImportance`), summed over the inputs of a tolerance. Empty where the result cannot tell.
+    """
+    try:
+        rows = result.computeImportance()
+    except RuntimeError:
+        return {}
+    by_input = {row.name: one.share for row, one in zip(case.inputs, rows, strict=True)}
+    shares = {name: float(sum(by_input[row.name] for row in members)) for name, members in tolerances(case).items()}
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def scaled_distribution(case, tolerance, scale):
+    """The joint distribution of the inputs with the scatter of one tolerance scaled about its mean.
+
+    Parameters
+    ----------
+    case, tolerance, scale
+        As for `scaled_case`; a scale below 1.
+
+    Returns
+    -------
+    distribution : :class:`openturns.JointDistribution`
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.studies.drivers import scaled_distribution
+    >>> print(scaled_distribution(load_case("reference"), "satellite_mass", 0.5).getMarginal(0))
+    Normal(mu = 100, sigma = 0.25)
+    """
+    names = {row.name for row in tolerances(case)[tolerance]}
+    rows = [
+        dataclasses.replace(row, distribution=_scaled_law(row.distribution, scale)) if row.name in names else row
+        for row in case.inputs
+    ]
+    return joint_distribution(rows, case.copula)
+
+
+def _scaled_law(law, scale):
+    mean = law.getMean()[0]
+    scaled = law * scale + mean * (1.0 - scale)
+    # The sum of one variable and a constant is a distribution of that variable's kind where OpenTURNS knows it.
+    return ot.Distribution(scaled)
+
+
+def tightened_probabilities(case, result, names, scale=0.9):
+    """The probability of a violation under each tolerance tightened a little, from the runs that are there already.
+
+    Parameters
+    ----------
+    case : :class:`satsep_ot.model.case.Case`
+    result : :class:`satsep_ot.methods.reliability_result.ActiveSubspaceReliabilityResult`
+    names : sequence of str
+        Of the tolerances.
+    scale : float
+        Of the scatter of the tolerance, near 1, so that the runs still carry the answer.
+
+    Returns
+    -------
+    ratios : dict of str to float
+        Probability then over probability now, the smallest first. Empty where the result cannot tell.
+    """
+    ratios = {}
+    for name in names:
+        try:
+            answer = result.computeProbability(scaled_distribution(case, name, scale))
+        except (RuntimeError, ValueError) as error:
+            if "KeyboardInterrupt" in str(error):
+                raise KeyboardInterrupt from error
+            continue
+        if not answer.warning and result.getProbabilityEstimate() > 0.0:
+            ratios[name] = max(answer.probability, 0.0) / result.getProbabilityEstimate()
+    return dict(sorted(ratios.items(), key=lambda item: item[1]))
 
 
 def scaled_case(case, tolerance, scale):

@@ -578,7 +578,7 @@ def draw_shares(shares, ax=None, title="", largest=8):
     if rest:
         bars[f"{len(rest)} others"] = sum(rest)
     ax = _axes(ax, (PANEL_SIZE[0], 1.2 + 0.3 * len(bars)))
-    _dress(ax, "share of the squared sensitivity [%]", "", title)
+    _dress(ax, "share [%]", "", title)
     places = range(len(bars))
     ax.barh(places, [100.0 * share for share in bars.values()], color=GREY, edgecolor=BLACK, linewidth=1.0)
     for place, share in zip(places, bars.values(), strict=True):

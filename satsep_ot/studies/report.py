@@ -170,24 +170,35 @@ def _script_json(data):
 
 
 def _advice(results, best):
-    """What halving each tolerance buys: (requirement, tolerance, sentence), in the order of the requirements."""
-    advice = []
-    for requirement, rows in results["tightened"].items():
+    """What tightening each tolerance buys: requirement -> rows, the tolerance that buys most first."""
+    advice = {}
+    for requirement, ratios in results["ratios"].items():
         now = best.get(requirement)
-        for row in sorted(rows, key=lambda row: row["probability"]):
-            scatter = results["tolerances"][row["tolerance"]]["scatter"]
-            if now is None or not now["probability"]:
-                factor = ""
-            elif row["probability"] <= 0.0:
-                factor = "no violation left in these runs"
-            else:
-                ratio = now["probability"] / row["probability"]
-                overlap = row["upper95"] >= now["lower95"] and row["lower95"] <= now["upper95"]
-                factor = "no difference that these runs show" if overlap else f"{ratio:.2g} times less"
-                if not overlap and ratio < 1.0:
-                    factor = f"{1.0 / ratio:.2g} times more"
-            advice.append({**row, "requirement": requirement, "scatter": scatter, "factor": factor, "now": now})
-    return advice
+        halved = {row["tolerance"]: row for row in results["tightened"].get(requirement, [])}
+        names = dict.fromkeys([*list(ratios)[:5], *halved])
+        advice[requirement] = [
+            {
+                "tolerance": name,
+                "scatter": results["tolerances"][name]["scatter"],
+                "ratio": ratios.get(name),
+                "half": halved.get(name),
+                "factor": _gain(now, halved.get(name)),
+            }
+            for name in names
+        ]
+    return {requirement: rows for requirement, rows in advice.items() if rows}
+
+
+def _gain(now, then):
+    """In words, how much less probable a violation has become."""
+    if now is None or then is None or not now["probability"]:
+        return ""
+    if then["probability"] <= 0.0:
+        return "no violation left in these runs"
+    if then["upper95"] >= now["lower95"] and then["lower95"] <= now["upper95"]:
+        return "no difference that these runs show"
+    ratio = now["probability"] / then["probability"]
+    return f"{ratio:.2g} times less" if ratio > 1.0 else f"{1.0 / ratio:.2g} times more"
 
 
 def _extremes(violation, count=6):
