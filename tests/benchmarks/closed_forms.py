@@ -8,10 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 from separation_cases import general_separation, symmetric_separation
+from test_relative_orbit import CIRCULAR, MASSES, kepler, random_releases, release
 from test_rotations import equation_7
 from test_simulation import angular_momentum, kinetic_energy
 
 import satsep_ot
+from satsep_ot.dynamics.relative_orbit import coast
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, quaternion_from_rotation_vector, rotation_matrix
 from satsep_ot.dynamics.separation import Body, ForceLine
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients, trajectory
@@ -79,9 +81,31 @@ def gradient():
     yield "gradient of the axial push", max(abs(found[name] / value - 1.0) for name, value in expected.items())
 
 
+def coast_after_release():
+    """One revolution, Hill's equations for 0.6 m/s along the track, and Kepler's for both bodies."""
+    period, still = CIRCULAR.period, release([0.0] * 3, [0.0] * 3)
+    end = coast(still, 0.0, MASSES, CIRCULAR, [period])[0]
+    yield "one revolution of the orbit [m]", np.linalg.norm(end[:3] - CIRCULAR.position)
+    pushed = coast(release([0.0] * 3, [0.0, 0.6, 0.0]), 0.0, [1e12, 1.0], CIRCULAR, [period])[0]
+    linear, distance = 3.0 * period * 0.6, np.linalg.norm(pushed[3:6])
+    print(f"one orbit after 0.6 m/s along the track: {linear:.1f} m by Hill, {distance:.1f} m here")
+    yield "distance after one orbit against Hill", abs(distance / linear - 1.0)
+    worst, times = 0.0, np.linspace(0.0, period, 20)
+    for state in random_releases(5):
+        turn = rotation_matrix(state[16:20])
+        platform, satellite = (
+            kepler(CIRCULAR.position + share * turn @ state[:3], CIRCULAR.velocity + share * turn @ state[3:6], times)
+            for share in (-np.longdouble(100.0) / 1300, np.longdouble(1200.0) / 1300)
+        )
+        difference = coast(state, 0.0, MASSES, CIRCULAR, times)[:, 3:6] - (satellite - platform)
+        size = np.linalg.norm((satellite - platform).astype(float), axis=1).max()
+        worst = max(worst, np.linalg.norm(difference.astype(float), axis=1).max() / size)
+    yield "two bodies against Kepler, extended precision", worst
+
+
 if __name__ == "__main__":
     print("PYTHONPATH=tests python tests/benchmarks/closed_forms.py")
     print(f"satsep-ot {satsep_ot.__version__}, numpy {np.__version__}, Python {platform.python_version()}")
-    for part in (axial_push, conservation, rotations, gradient):
+    for part in (axial_push, conservation, rotations, gradient, coast_after_release):
         for what, error in part():
-            print(f"{what:45}{error:10.1e}")
+            print(f"{what:48}{error:10.1e}")
