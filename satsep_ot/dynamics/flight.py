@@ -17,9 +17,12 @@ from satsep_ot.dynamics.gravity import ANCHOR_LIFE, move_anchor, place_anchor
 from satsep_ot.dynamics.integration import (
     ALLOWED,
     EIGHTH_ORDER,
+    FIRST,
     FOURTH_ORDER,
     NEW,
+    SECOND,
     STAGE_NUMBER,
+    START,
     K,
     error_ratio,
     finish,
@@ -32,8 +35,10 @@ from satsep_ot.dynamics.rotations import quaternion_from_rotation_vector, rotati
 from satsep_ot.dynamics.separation import (
     COMMON_SIZE,
     FRICTION_COEFFICIENT,
+    PLATFORM,
     RECESS_DEPTH,
     RECESS_RADIUS,
+    SATELLITE,
     SPRING_SIZE,
     STOWED,
     Status,
@@ -59,6 +64,7 @@ from satsep_ot.dynamics.system import (
     PLANE_NUMBER,
     PLANES,
     PLATFORM_CG,
+    PLATFORM_INERTIA,
     PLATFORM_INVERSE_INERTIA,
     POINT_COLUMNS,
     POINT_NUMBER,
@@ -66,6 +72,7 @@ from satsep_ot.dynamics.system import (
     RADIUS,
     RELEASE_STROKE,
     SATELLITE_CG,
+    SATELLITE_INERTIA,
     SATELLITE_INVERSE_INERTIA,
     SCALE,
     SPRING_COLUMNS,
@@ -75,21 +82,22 @@ from satsep_ot.dynamics.system import (
     STATE_SIZE,
     STIFFNESS,
     STOWED_LENGTH,
+    integers,
 )
 
 MAXIMUM_STEPS = 1000
 PENETRATION_LIMIT = 1e-3  # m
 
+NOBODY = np.int64(-1)  # no spring
+
 # What ends a step.
-NOTHING, PUSH_STARTS, RELEASE = 0, 1, 2
+NOTHING, PUSH_STARTS, RELEASE = integers(0, 1, 2)
 
 # For the kernels, which take plain integers as constants.
-OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PARAMETERS, NO_SPRING = (
-    int(status) for status in Status
-)
+OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PARAMETERS, NO_SPRING = integers(*Status)
 
 # Where the smallest clearance is met.
-AT_START, INSIDE, AT_EXIT = 0, 1, 2
+AT_START, INSIDE, AT_EXIT = integers(0, 1, 2)
 
 
 @njit(**KERNEL)
@@ -203,8 +211,8 @@ def prepare(p, orbit, c, marks, x):
     for n in range(p.shape[0]):
         valid = valid and math.isfinite(p[n])
     c[INVERSE_REDUCED_MASS] = 1.0 / p[0] + 1.0 / p[10]
-    valid = invert_inertia(p, 1, c, 1) and valid
-    valid = invert_inertia(p, 11, c, 19) and valid
+    valid = invert_inertia(p, PLATFORM + 1, c, PLATFORM_INERTIA) and valid
+    valid = invert_inertia(p, SATELLITE + 1, c, SATELLITE_INERTIA) and valid
     stowed = p[STOWED]
     valid = valid and (stowed > 0.0 if marks[FORCE_LINE] == STRUT else stowed == 0.0)
     c[STOWED_LENGTH] = stowed
@@ -374,7 +382,7 @@ def reached_release(w, slope, c, marks, expected):
 
     Returns it, or -1, and the time from there to that; only rates matter, so any slope serves.
     """
-    spring = -1
+    spring = NOBODY
     time = np.inf
     for i in range(marks[SPRING_NUMBER]):
         if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
@@ -398,8 +406,8 @@ def settle_on_release(t, w, c, marks, spring, time, frequency):
             w[n] = w[NEW + n]
         if abs(time) * frequency < 1e-4:
             # Short enough for the midpoint rule (1e-13), or for a straight line; its slope takes up the remaining gap.
-            number = 2 if abs(time) * frequency > 1e-6 else 1
-            stages(0, number, FOURTH_ORDER, t + total, time, w, c, marks)
+            number = FIRST + (2 if abs(time) * frequency > 1e-6 else 1)
+            stages(FIRST, number, FOURTH_ORDER, t + total, time, w, c, marks)
             slope = K + (number - 1) * STATE_SIZE
             for _ in range(2):
                 for n in range(STATE_SIZE):
@@ -407,7 +415,7 @@ def settle_on_release(t, w, c, marks, spring, time, frequency):
                 total += time
                 spring, time = reached_release(w, slope, c, marks, spring)
             return spring, total
-        stages(0, STAGE_NUMBER[FOURTH_ORDER], FOURTH_ORDER, t + total, time, w, c, marks)
+        stages(FIRST, STAGE_NUMBER[FOURTH_ORDER], FOURTH_ORDER, t + total, time, w, c, marks)
         finish(FOURTH_ORDER, time, w)
         total += time
         spring, time = reached_release(w, K, c, marks, spring)
@@ -620,10 +628,10 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
         follow.step[i] = -1
         point_motion(x, c, marks, i, follow.start[i])
         clearance, _ = nearest_wall(c, marks, follow.start[i])
-        note_clearance(follow, clearance, i, AT_START, 0, 0.0, x)
-    stop = 0
-    last = 0
-    step = 0
+        note_clearance(follow, clearance, i, AT_START, FIRST, 0.0, x)
+    stop = FIRST
+    last = FIRST
+    step = FIRST
     t = 0.0
     tape.t[0] = 0.0
     while to_release > 0 or inside > 0 or stop < stops.shape[0]:
@@ -633,7 +641,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
         # The next instant that no step may cross: the start of a push, the horizon, the end.
         boundary = np.inf
         event = NOTHING
-        which = -1
+        which = NOBODY
         if to_release > 0 or inside > 0:
             if t >= horizon:
                 return NO_RELEASE if to_release > 0 else NO_EXIT, step, last
@@ -651,10 +659,10 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
             move_anchor(t, c)
         # The next release, predicted from the slope here.
         load(x, w)
-        stages(0, 1, EIGHTH_ORDER, t, 0.0, w, c, marks)
+        stages(FIRST, SECOND, EIGHTH_ORDER, t, 0.0, w, c, marks)
         target = np.inf
         knot_time = np.inf
-        expected = -1
+        expected = NOBODY
         square = 0.0
         nearest_s = 0.0
         nearest_rate = 0.0
@@ -662,7 +670,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
         for i in range(spring_number):
             if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
                 k = SPRINGS + SPRING_COLUMNS * i
-                s, rate, acceleration = seat_motion(w, 0, K, c, marks, i)
+                s, rate, acceleration = seat_motion(w, START, K, c, marks, i)
                 if s < -PENETRATION_LIMIT:
                     return PENETRATION, step, last
                 square += c[k + SCALE] * c[k + STIFFNESS] * c[INVERSE_REDUCED_MASS]
@@ -712,7 +720,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 if attempt > 40:
                     return STEP_UNDERFLOW, step, last
                 method = step_method(h, short)
-                stages(1, STAGE_NUMBER[method], method, t, h, w, c, marks)
+                stages(SECOND, STAGE_NUMBER[method], method, t, h, w, c, marks)
                 if method == EIGHTH_ORDER:
                     ratio = error_ratio(h, w)
                     if not ratio <= 1.0:
@@ -723,12 +731,12 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                     suggestion = h * (min(6.0, 0.9 * ratio**-0.125) if ratio > 0.0 else 6.0)
                     h_next = suggestion if h >= h_next else max(h_next, suggestion)
                 finish(method, h, w)
-                spring, time = reached_release(w, K, c, marks, expected if landing else -1)
+                spring, time = reached_release(w, K, c, marks, expected if landing else NOBODY)
                 if spring < 0 or time > short:
                     # No release in this step (or it is later than predicted: the next step lands).
                     if h < limit:
                         event = NOTHING
-                        which = -1
+                        which = NOBODY
                     break
                 if time < -short:
                     h += time

@@ -14,10 +14,10 @@ from scipy.integrate import DOP853
 
 from satsep_ot.dynamics.compilation import INLINE, KERNEL
 from satsep_ot.dynamics.rigid_body import derivative
-from satsep_ot.dynamics.system import STATE_SIZE
+from satsep_ot.dynamics.system import STATE_SIZE, integers
 
 STAGES = 12
-EIGHTH_ORDER, FOURTH_ORDER = 0, 1
+EIGHTH_ORDER, FOURTH_ORDER = integers(0, 1)
 
 _classical_a = np.zeros((STAGES, STAGES))
 _classical_a[1, 0], _classical_a[2, 1], _classical_a[3, 2] = 0.5, 0.5, 1.0
@@ -35,9 +35,14 @@ STAGE_NUMBER = np.array([STAGES, 4])
 ERROR_5, ERROR_3 = DOP853.E5[:STAGES].copy(), DOP853.E3[:STAGES].copy()
 
 
+# Where a step's stages start; and the stage behind the first.
+FIRST, SECOND = integers(0, 1)
+
 # A step works in one flat array `w`: stage states, their slopes, the state at the end, and the error allowed in each
 # component, at offsets that the compiler knows.
-K, NEW, ALLOWED = STAGES * STATE_SIZE, 2 * STAGES * STATE_SIZE, (2 * STAGES + 1) * STATE_SIZE
+START, K, NEW, ALLOWED = integers(
+    0, STAGES * STATE_SIZE, 2 * STAGES * STATE_SIZE, (2 * STAGES + 1) * STATE_SIZE
+)
 WORK_SIZE = (2 * STAGES + 2) * STATE_SIZE
 
 
@@ -84,7 +89,7 @@ def finish(method, h, w):
 def full_step(method, t, x, h, w, c, marks, out):
     """One whole step from x to `out`, without error control."""
     load(x, w)
-    stages(0, STAGE_NUMBER[method], method, t, h, w, c, marks)
+    stages(FIRST, STAGE_NUMBER[method], method, t, h, w, c, marks)
     finish(method, h, w)
     for n in range(STATE_SIZE):
         out[n] = w[NEW + n]

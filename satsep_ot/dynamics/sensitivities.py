@@ -16,7 +16,7 @@ import math
 
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE
 from satsep_ot.dynamics.flight import (
     AT_EXIT,
     AT_START,
@@ -28,7 +28,20 @@ from satsep_ot.dynamics.flight import (
     point_motion,
 )
 from satsep_ot.dynamics.gravity import earth_vector
-from satsep_ot.dynamics.integration import EIGHTH_ORDER, STAGE_NUMBER, STAGES, A, B, C, K, load, stages
+from satsep_ot.dynamics.integration import (
+    EIGHTH_ORDER,
+    FIRST,
+    SECOND,
+    STAGE_NUMBER,
+    STAGES,
+    START,
+    A,
+    B,
+    C,
+    K,
+    load,
+    stages,
+)
 from satsep_ot.dynamics.rigid_body import seat_motion, spring_sums, times
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE, STOWED
@@ -59,6 +72,7 @@ from satsep_ot.dynamics.system import (
     SPRING_NUMBER,
     SPRINGS,
     STATE_SIZE,
+    integers,
 )
 
 LANES = 8  # outputs differentiated together: one vector register of the processor
@@ -68,13 +82,14 @@ LANES = 8  # outputs differentiated together: one vector register of the process
 # adjoints of the state, of the time, of a slope, of the state that the slope is taken at; sums over springs (adjoints
 # of force 0-2, moment on the satellite 3-5 and on the platform 6-8 in platform axes, d 9-11, moments in body axes
 # 12-17); two rotation matrices; what one spring or body adds to the constants; the state beside the chain; the stages.
-LAM, MU, KB, OUT, S, M, X, BRANCH, YB = 0, 20, 21, 41, 61, 79, 97, 141, 161
+LAM, MU, KB, OUT, S, M, X, BRANCH, YB = integers(0, 20, 21, 41, 61, 79, 97, 141, 161)
+THREE, NINE, ROWS = integers(3, 9, STATE_SIZE)
 # Then the adjoints of the constants of a run: reduced mass, inertia tensors, stowed length, guide friction, a block a
 # spring (platform seat, satellite seat, guide, stiffness, deformation, release stroke, delay, scale); behind them the
 # CGs, the recess's radius and depth, and the offsets of its planes.
 G = YB + STAGES * STATE_SIZE
 G_PLATFORM_INERTIA, G_SATELLITE_INERTIA, G_STOWED, G_FRICTION = G + 1, G + 10, G + 19, G + 20
-G_SPRINGS, G_SPRING_SIZE = G + 21, 14
+G_SPRINGS, G_SPRING_SIZE = integers(G + 21, 14)
 # What a spring adds, from row X: adjoints of its force 0-2, of its contact point 3-5, of its stroke 6, of the size of
 # its force 7, of its satellite seat 8-10 and of the satellite's y axis 11-13 in platform axes, stowed length 14, guide
 # friction 15, and its block 16-29.
@@ -257,8 +272,8 @@ def spring_adjoint(x, at, r, i, target, a, c, marks):
         a[(M + 6) * LANES + n] += vz * u
         a[(M + 7) * LANES + n] += vz * v + a[(X + 13) * LANES + n]
         a[(M + 8) * LANES + n] += vz * w
-    add(a, X + 8, target, 3)
-    add(a, X + 14, G_STOWED, 2)
+    add(a, X + 8, target, THREE)
+    add(a, X + 14, G_STOWED, THREE - 1)
     add(a, X_BLOCK, G_SPRINGS + G_SPRING_SIZE * i, G_SPRING_SIZE)
 
 
@@ -351,7 +366,7 @@ def body_adjoint(c, inertia, o0, o1, o2, slope, at, row, target, g_row, a):
         a[(X + 6) * LANES + n] = e2 * o0 - b2 * a0
         a[(X + 7) * LANES + n] = e2 * o1 - b2 * a1
         a[(X + 8) * LANES + n] = e2 * o2 - b2 * a2
-    add(a, X, g_row, 9)
+    add(a, X, g_row, NINE)
 
 
 @njit(**KERNEL)
@@ -419,13 +434,13 @@ def gravity_adjoint(t, x, at, r, a, c, marks):
         a[(X + 14) * LANES + n] = 3.0 * rate * (along * vz + q * dz)
     if marks[GRAVITY_LEVEL] == 2:
         torque_adjoint(c, PLATFORM_INERTIA, 3.0 * rate, nx, ny, nz, S + 12, a)
-        add(a, X, G_PLATFORM_INERTIA, 9)
-        add(a, X + 9, X + 12, 3)
+        add(a, X, G_PLATFORM_INERTIA, NINE)
+        add(a, X + 9, X + 12, THREE)
         ux = r00 * nx + r10 * ny + r20 * nz
         uy = r01 * nx + r11 * ny + r21 * nz
         uz = r02 * nx + r12 * ny + r22 * nz
         torque_adjoint(c, SATELLITE_INERTIA, 3.0 * rate, ux, uy, uz, S + 15, a)
-        add(a, X, G_SATELLITE_INERTIA, 9)
+        add(a, X, G_SATELLITE_INERTIA, NINE)
         for n in range(LANES):
             # u = R^T n.
             gx = a[(X + 9) * LANES + n]
@@ -594,7 +609,7 @@ def derivative_adjoint(t, x, at, row, a, c, marks):
     if marks[GRAVITY_LEVEL] != 0:
         gravity_adjoint(t, x, at, r, a, c, marks)
     add_rotation_adjoint(a, M, x[at + 12], x[at + 13], x[at + 14], x[at + 15], OUT + 12)
-    add(a, S + 9, OUT, 3)
+    add(a, S + 9, OUT, THREE)
 
 
 @njit(**KERNEL)
@@ -602,7 +617,7 @@ def step_adjoint(method, t, x, h, w, c, marks, lam, a):
     """Pull the adjoint of the end of a step, rows lam to lam + 19, back to its start, in place."""
     last = STAGE_NUMBER[method] - 1
     load(x, w)
-    stages(0, last + 1, method, t, h, w, c, marks)
+    stages(FIRST, last + 1, method, t, h, w, c, marks)
     for i in range(last, -1, -1):
         b = h * B[method, i]
         for n in range(STATE_SIZE * LANES):
@@ -616,11 +631,11 @@ def step_adjoint(method, t, x, h, w, c, marks, lam, a):
         for n in range(STATE_SIZE * LANES):
             a[(YB + i * STATE_SIZE) * LANES + n] = a[OUT * LANES + n]
     for i in range(last + 1):
-        add(a, YB + i * STATE_SIZE, lam, STATE_SIZE)
+        add(a, YB + i * STATE_SIZE, lam, ROWS)
 
 
 @njit(**KERNEL)
-def clearance_adjoint(x, i, lane, at_exit, c, marks, lam, follow, tail, a):
+def clearance_adjoint(x, i, lane, kind, c, marks, lam, follow, tail, a):
     """Add to one lane of the rows from `lam` on the adjoint of the clearance of envelope point i at state x.
 
     That is at its exit, whose time moves, or at a fixed or extremal time. Constants from row `tail`: CG of the
@@ -641,7 +656,7 @@ def clearance_adjoint(x, i, lane, at_exit, c, marks, lam, follow, tail, a):
         by = c[k + 1]
         bz = c[k + 2]
         a[(tail + 7 + wall) * LANES + lane] -= 1.0
-    if at_exit:
+    if kind == AT_EXIT:
         # The exit waits for y = depth.
         drift = (bx * point[3] + by * point[4] + bz * point[5]) / point[4]
         by -= drift
@@ -653,7 +668,7 @@ def clearance_adjoint(x, i, lane, at_exit, c, marks, lam, follow, tail, a):
     a[(tail + 1) * LANES + lane] += by
     a[(tail + 2) * LANES + lane] += bz
     r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    clear(a, M, 9)
+    clear(a, M, NINE)
     for j in range(3):
         arm = c[marks[POINTS] + POINT_COLUMNS * i + j] - c[SATELLITE_CG + j]
         a[(M + j) * LANES + lane] = bx * arm
@@ -663,7 +678,7 @@ def clearance_adjoint(x, i, lane, at_exit, c, marks, lam, follow, tail, a):
     add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], lam + 12)
 
 
-@njit(**KERNEL)
+@njit(**ONCE)
 def branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail, a):
     """Add, at tape state `index`, the clearances that are reached from there by one step within step `step`."""
     point_number = marks[POINT_NUMBER]
@@ -677,22 +692,22 @@ def branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail,
             wanted = kind == INSIDE and int(follow.closest[3]) == step and index == step
         if not wanted:
             continue
-        clear(a, BRANCH, STATE_SIZE)
+        clear(a, BRANCH, ROWS)
         used = False
         for lane in range(LANES):
             column = columns[block + lane]
             if i == point_number:
                 if column == STATE_SIZE + 1:
-                    clearance_adjoint(follow.closest_x, closest, lane, False, c, marks, BRANCH, follow, tail, a)
+                    clearance_adjoint(follow.closest_x, closest, lane, INSIDE, c, marks, BRANCH, follow, tail, a)
                     used = True
             elif column == STATE_SIZE + 2 + i or (column == STATE_SIZE + 1 and kind == AT_EXIT and closest == i):
-                clearance_adjoint(follow.x[i], i, lane, True, c, marks, BRANCH, follow, tail, a)
+                clearance_adjoint(follow.x[i], i, lane, AT_EXIT, c, marks, BRANCH, follow, tail, a)
                 used = True
         if used:
             h = follow.h[i] if i < point_number else follow.closest[4]
             method = follow.method[i] if i < point_number else EIGHTH_ORDER
             step_adjoint(method, tape.t[index], tape.x[index], h, w, c, marks, BRANCH, a)
-            add(a, BRANCH, LAM, STATE_SIZE)
+            add(a, BRANCH, LAM, ROWS)
 
 
 @njit(**KERNEL)
@@ -700,8 +715,8 @@ def event_adjoint(index, event, spring, w, c, marks, tape, a):
     """Correct the adjoints at tape state `index` for the length of the step before it, which its event decides."""
     x = tape.x[index]
     load(x, w)
-    stages(0, 1, EIGHTH_ORDER, tape.t[index], 0.0, w, c, marks)
-    clear(a, X, 7)
+    stages(FIRST, SECOND, EIGHTH_ORDER, tape.t[index], 0.0, w, c, marks)
+    clear(a, X, NINE)
     for n in range(STATE_SIZE):
         for lane in range(LANES):
             a[(X + 6) * LANES + lane] += a[(LAM + n) * LANES + lane] * w[K + n]
@@ -713,14 +728,14 @@ def event_adjoint(index, event, spring, w, c, marks, tape, a):
             a[(k + 12) * LANES + lane] += a[MU * LANES + lane] + speed
             a[MU * LANES + lane] = -speed
         return
-    _, rate, _ = seat_motion(w, 0, K, c, marks, spring)
+    _, rate, _ = seat_motion(w, START, K, c, marks, spring)
     for lane in range(LANES):
         bar = -(a[(X + 6) * LANES + lane] + a[MU * LANES + lane]) / rate
         a[(X + 6) * LANES + lane] = bar
         a[(k + 11) * LANES + lane] -= bar
-    clear(a, M, 9)
+    clear(a, M, NINE)
     r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    spring_adjoint(x, 0, r, spring, LAM, a, c, marks)
+    spring_adjoint(x, START, r, spring, LAM, a, c, marks)
     add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], LAM + 12)
 
 
@@ -738,7 +753,7 @@ def switch_back(event, spring, marks):
             marks[m + ACTIVE] = 0
 
 
-@njit(**KERNEL)
+@njit(**ONCE)
 def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradients):
     """Gradients of the base's columns[block:block + LANES] with respect to all parameters, from a finished run.
 
@@ -776,128 +791,126 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
     if marks[POINT_NUMBER] > 0 and int(follow.closest[2]) == AT_START:
         for lane in range(LANES):
             if columns[block + lane] == STATE_SIZE + 1:
-                clearance_adjoint(tape.x[0], int(follow.closest[1]), lane, False, c, marks, LAM, follow, tail, a)
-    initial_adjoint(p, c, tape.x[0], tail, a, block, gradients)
+                clearance_adjoint(tape.x[0], int(follow.closest[1]), lane, INSIDE, c, marks, LAM, follow, tail, a)
+    x = tape.x[0]
     for lane in range(LANES):
+        initial_adjoint(p, c, x, lane, tail, a, gradients[block + lane])
+    add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], LAM + 12)
+    for lane in range(LANES):
+        mounting_adjoint(p, lane, a, gradients[block + lane])
         parameter_adjoint(p, marks, lane, tail, a, gradients[block + lane])
 
 
 @njit(**KERNEL)
-def initial_adjoint(p, c, x, tail, a, block, gradients):
+def initial_adjoint(p, c, x, lane, tail, a, gradient):
     """From the adjoint of the initial state to those of rates, impulses, mounting error, CGs and stowed length.
 
     See `flight.prepare`.
     """
-    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    angle_squared = p[23] ** 2 + p[24] ** 2 + p[25] ** 2
-    scale = 0.5 - angle_squared / 48.0
-    bend = -1.0 / 24.0 + angle_squared / 960.0
-    if angle_squared > 1e-4:
-        angle = math.sqrt(angle_squared)
-        scale = math.sin(0.5 * angle) / angle
-        bend = (0.5 * math.cos(0.5 * angle) - scale) / angle_squared
-    inverse_mass = c[INVERSE_REDUCED_MASS]
-    stowed = p[STOWED]
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[12], x[13], x[14], x[15])
     ix = p[29]
     iy = p[30]
     iz = p[31]
-    # The satellite's CG from its ring centre, and the rates that the impulses give both bodies; their inertia.
-    ux = r00 * p[17] + r01 * p[18] + r02 * p[19]
-    uy = r10 * p[17] + r11 * p[18] + r12 * p[19]
-    uz = r20 * p[17] + r21 * p[18] + r22 * p[19]
-    hx = p[32] - uy * iz + uz * iy
-    hy = p[33] - uz * ix + ux * iz
-    hz = p[34] - ux * iy + uy * ix
     ox = p[20]
     oy = p[21]
     oz = p[22]
+    # w = Omega x d + Delta p / mu.
+    w = LAM * LANES + lane
+    wx = a[w + 3 * LANES]
+    wy = a[w + 4 * LANES]
+    wz = a[w + 5 * LANES]
+    dx = a[w] + wy * oz - wz * oy
+    dy = a[w + LANES] + wz * ox - wx * oz
+    dz = a[w + 2 * LANES] + wx * oy - wy * ox
+    a[G * LANES + lane] += wx * ix + wy * iy + wz * iz
+    # omega_1 = Omega + I_1^-1 (-Delta h + (c_1 - l_0 y) x Delta p).
+    px = a[w + 6 * LANES]
+    py = a[w + 7 * LANES]
+    pz = a[w + 8 * LANES]
+    ax, ay, az = times(c, PLATFORM_INVERSE_INERTIA, px, py, pz)
+    # omega_2 = R^T Omega + I_2^-1 R^T h with h = Delta h - u x Delta p, u = R c_2.
+    vx = a[w + 9 * LANES]
+    vy = a[w + 10 * LANES]
+    vz = a[w + 11 * LANES]
+    bx, by, bz = times(c, SATELLITE_INVERSE_INERTIA, vx, vy, vz)
+    gradient[20] = x[1] * wz - x[2] * wy + px + r00 * vx + r01 * vy + r02 * vz
+    gradient[21] = x[2] * wx - x[0] * wz + py + r10 * vx + r11 * vy + r12 * vz
+    gradient[22] = x[0] * wy - x[1] * wx + pz + r20 * vx + r21 * vy + r22 * vz
+    # The adjoint of h; what turns with R: h, Omega and, through u, d and the arm of Delta p.
+    hx = r00 * bx + r01 * by + r02 * bz
+    hy = r10 * bx + r11 * by + r12 * bz
+    hz = r20 * bx + r21 * by + r22 * bz
+    ux = r00 * p[17] + r01 * p[18] + r02 * p[19]
+    uy = r10 * p[17] + r11 * p[18] + r12 * p[19]
+    uz = r20 * p[17] + r21 * p[18] + r22 * p[19]
+    qx = dx - iy * hz + iz * hy
+    qy = dy - iz * hx + ix * hz
+    qz = dz - ix * hy + iy * hx
+    kx = p[32] - uy * iz + uz * iy
+    ky = p[33] - uz * ix + ux * iz
+    kz = p[34] - ux * iy + uy * ix
+    m = M * LANES + lane
+    a[m] = ox * vx + kx * bx + qx * p[17]
+    a[m + LANES] = ox * vy + kx * by + qx * p[18]
+    a[m + 2 * LANES] = ox * vz + kx * bz + qx * p[19]
+    a[m + 3 * LANES] = oy * vx + ky * bx + qy * p[17]
+    a[m + 4 * LANES] = oy * vy + ky * by + qy * p[18]
+    a[m + 5 * LANES] = oy * vz + ky * bz + qy * p[19]
+    a[m + 6 * LANES] = oz * vx + kz * bx + qz * p[17]
+    a[m + 7 * LANES] = oz * vy + kz * by + qz * p[18]
+    a[m + 8 * LANES] = oz * vz + kz * bz + qz * p[19]
+    gradient[32] = hx - ax
+    gradient[33] = hy - ay
+    gradient[34] = hz - az
+    ex = p[7]
+    ey = p[8] - p[STOWED]
+    ez = p[9]
+    gradient[29] = c[INVERSE_REDUCED_MASS] * wx - (hy * uz - hz * uy) + (ay * ez - az * ey)
+    gradient[30] = c[INVERSE_REDUCED_MASS] * wy - (hz * ux - hx * uz) + (az * ex - ax * ez)
+    gradient[31] = c[INVERSE_REDUCED_MASS] * wz - (hx * uy - hy * ux) + (ax * ey - ay * ex)
+    # The adjoint of the arm c_1 - l_0 y; and d = u - c_1 + l_0 y.
+    ex = iy * az - iz * ay - dx
+    ey = iz * ax - ix * az - dy
+    ez = ix * ay - iy * ax - dz
+    a[G_STOWED * LANES + lane] -= ey
+    t = tail * LANES + lane
+    a[t] += ex
+    a[t + LANES] += ey
+    a[t + 2 * LANES] += ez
+    a[t + 3 * LANES] += r00 * qx + r10 * qy + r20 * qz
+    a[t + 4 * LANES] += r01 * qx + r11 * qy + r21 * qz
+    a[t + 5 * LANES] += r02 * qx + r12 * qy + r22 * qz
+    # The rates that the impulses gave both bodies, for their inertias.
     k0 = x[9] - (r00 * ox + r10 * oy + r20 * oz)
     k1 = x[10] - (r01 * ox + r11 * oy + r21 * oz)
     k2 = x[11] - (r02 * ox + r12 * oy + r22 * oz)
-    j0 = x[6] - ox
-    j1 = x[7] - oy
-    j2 = x[8] - oz
-    clear(a, M, 9)
-    for n in range(LANES):
-        g = gradients[block + n]
-        # w = Omega x d + Delta p / mu.
-        wx = a[(LAM + 3) * LANES + n]
-        wy = a[(LAM + 4) * LANES + n]
-        wz = a[(LAM + 5) * LANES + n]
-        dx = a[LAM * LANES + n] + wy * oz - wz * oy
-        dy = a[(LAM + 1) * LANES + n] + wz * ox - wx * oz
-        dz = a[(LAM + 2) * LANES + n] + wx * oy - wy * ox
-        a[G * LANES + n] += wx * ix + wy * iy + wz * iz
-        # omega_2 = R^T Omega + I_2^-1 R^T h, with h = Delta h - u x Delta p.
-        vx = a[(LAM + 9) * LANES + n]
-        vy = a[(LAM + 10) * LANES + n]
-        vz = a[(LAM + 11) * LANES + n]
-        bx, by, bz = times(c, SATELLITE_INVERSE_INERTIA, vx, vy, vz)
-        # omega_1 = Omega + I_1^-1 (-Delta h + c_1 x Delta p - l_0 y x Delta p).
-        px = a[(LAM + 6) * LANES + n]
-        py = a[(LAM + 7) * LANES + n]
-        pz = a[(LAM + 8) * LANES + n]
-        ax, ay, az = times(c, PLATFORM_INVERSE_INERTIA, px, py, pz)
-        for j in range(3):
-            b = bx if j == 0 else by if j == 1 else bz
-            e = ax if j == 0 else ay if j == 1 else az
-            q = (G_SATELLITE_INERTIA + 3 * j) * LANES + n
-            a[q] -= b * k0
-            a[q + LANES] -= b * k1
-            a[q + 2 * LANES] -= b * k2
-            q = (G_PLATFORM_INERTIA + 3 * j) * LANES + n
-            a[q] -= e * j0
-            a[q + LANES] -= e * j1
-            a[q + 2 * LANES] -= e * j2
-            # What Omega and h are multiplied by, R.
-            u = vx if j == 0 else vy if j == 1 else vz
-            a[(M + j) * LANES + n] = ox * u + hx * b + dx * p[17 + j]
-            a[(M + 3 + j) * LANES + n] = oy * u + hy * b + dy * p[17 + j]
-            a[(M + 6 + j) * LANES + n] = oz * u + hz * b + dz * p[17 + j]
-        g[20] = x[1] * wz - x[2] * wy + px + r00 * vx + r01 * vy + r02 * vz
-        g[21] = x[2] * wx - x[0] * wz + py + r10 * vx + r11 * vy + r12 * vz
-        g[22] = x[0] * wy - x[1] * wx + pz + r20 * vx + r21 * vy + r22 * vz
-        # The adjoint of h.
-        vx = r00 * bx + r01 * by + r02 * bz
-        vy = r10 * bx + r11 * by + r12 * bz
-        vz = r20 * bx + r21 * by + r22 * bz
-        g[32] = vx - ax
-        g[33] = vy - ay
-        g[34] = vz - az
-        # -u x Delta p . v = -Delta p . (v x u) = -u . (Delta p x v); c_1 - l_0 y is the other arm.
-        ex = p[7]
-        ey = p[8] - stowed
-        ez = p[9]
-        g[29] = inverse_mass * wx - (vy * uz - vz * uy) + (ay * ez - az * ey)
-        g[30] = inverse_mass * wy - (vz * ux - vx * uz) + (az * ex - ax * ez)
-        g[31] = inverse_mass * wz - (vx * uy - vy * ux) + (ax * ey - ay * ex)
-        # Adjoints of the two arms: of u, and of c_1 - l_0 y.
-        qx = -(iy * vz - iz * vy)
-        qy = -(iz * vx - ix * vz)
-        qz = -(ix * vy - iy * vx)
-        ex = iy * az - iz * ay
-        ey = iz * ax - ix * az
-        ez = ix * ay - iy * ax
-        # d = u - c_1 + l_0 y with u = R c_2.
-        a[G_STOWED * LANES + n] += dy - ey
-        a[tail * LANES + n] += ex - dx
-        a[(tail + 1) * LANES + n] += ey - dy
-        a[(tail + 2) * LANES + n] += ez - dz
-        for j in range(3):
-            a[(M + j) * LANES + n] += qx * p[17 + j]
-            a[(M + 3 + j) * LANES + n] += qy * p[17 + j]
-            a[(M + 6 + j) * LANES + n] += qz * p[17 + j]
-            a[(tail + 3 + j) * LANES + n] += r[j] * (dx + qx) + r[3 + j] * (dy + qy) + r[6 + j] * (dz + qz)
-    add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], LAM + 12)
-    for n in range(LANES):
-        along = 0.0
-        for j in range(3):
-            along += a[(LAM + 13 + j) * LANES + n] * p[23 + j]
-        for j in range(3):
-            gradients[block + n, 23 + j] = scale * a[(LAM + 13 + j) * LANES + n] + p[23 + j] * (
-                bend * along - 0.5 * scale * a[(LAM + 12) * LANES + n]
-            )
+    for j in range(3):
+        b = bx if j == 0 else by if j == 1 else bz
+        e = ax if j == 0 else ay if j == 1 else az
+        q = (G_SATELLITE_INERTIA + 3 * j) * LANES + lane
+        a[q] -= b * k0
+        a[q + LANES] -= b * k1
+        a[q + 2 * LANES] -= b * k2
+        q = (G_PLATFORM_INERTIA + 3 * j) * LANES + lane
+        a[q] -= e * (x[6] - ox)
+        a[q + LANES] -= e * (x[7] - oy)
+        a[q + 2 * LANES] -= e * (x[8] - oz)
+
+
+@njit(**KERNEL)
+def mounting_adjoint(p, lane, a, gradient):
+    """From the adjoint of the initial quaternion of the satellite to that of the mounting error, a rotation vector."""
+    square = p[23] ** 2 + p[24] ** 2 + p[25] ** 2
+    scale = 0.5 - square / 48.0
+    bend = -1.0 / 24.0 + square / 960.0
+    if square > 1e-4:
+        angle = math.sqrt(square)
+        scale = math.sin(0.5 * angle) / angle
+        bend = (0.5 * math.cos(0.5 * angle) - scale) / square
+    q = (LAM + 12) * LANES + lane
+    along = a[q + LANES] * p[23] + a[q + 2 * LANES] * p[24] + a[q + 3 * LANES] * p[25]
+    for j in range(3):
+        gradient[23 + j] = scale * a[q + (1 + j) * LANES] + p[23 + j] * (bend * along - 0.5 * scale * a[q])
 
 
 @njit(**KERNEL)

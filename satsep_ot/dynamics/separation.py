@@ -15,6 +15,7 @@ from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.dynamics.system import integers
 
 # The flat parameter vector of a run. A uncertain input or a design variable is a direction in this space.
 _INERTIA_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -421,9 +422,9 @@ COMMON_SIZE = len(_COMMON_NAMES)
 SPRING_SIZE = len(_SPRING_NAMES)
 
 # Positions in the flat parameter vector, for the kernels.
-PLATFORM, SATELLITE, RATES, MOUNTING_ERROR = 0, 10, 20, 23
-STOWED, RECESS_RADIUS, RECESS_DEPTH = 26, 27, 28
-IMPULSE, ANGULAR_IMPULSE, FRICTION_COEFFICIENT = 29, 32, 35
+PLATFORM, SATELLITE, RATES, MOUNTING_ERROR = integers(0, 10, 20, 23)
+STOWED, RECESS_RADIUS, RECESS_DEPTH = integers(26, 27, 28)
+IMPULSE, ANGULAR_IMPULSE, FRICTION_COEFFICIENT = integers(29, 32, 35)
 
 
 def invalid_parameter(separation, parameters):

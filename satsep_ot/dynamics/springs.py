@@ -43,6 +43,7 @@ from satsep_ot.dynamics.system import (
     STOWED_LENGTH,
     TABLE_COLUMNS,
     TABLES,
+    integers,
 )
 
 
@@ -63,8 +64,8 @@ class ForceLaw(enum.IntEnum):
 
 
 # For the kernels, which take plain integers as constants.
-GUIDED, STRUT, NORMAL = (int(line) for line in ForceLine)
-LINEAR, TABLE, FRICTION = (int(law) for law in ForceLaw)
+GUIDED, STRUT, NORMAL = integers(*ForceLine)
+LINEAR, TABLE, FRICTION = integers(*ForceLaw)
 
 
 @njit(**INLINE)
