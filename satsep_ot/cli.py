@@ -10,7 +10,10 @@ from pathlib import Path
 from satsep_ot import __version__
 
 METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
-_EXIT_CODES = "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input, 130 interrupted"
+_EXIT_CODES = (
+    "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input,\n"
+    "  3 a requirement is not met (study with --fail-unless-met), 130 interrupted"
+)
 
 
 def main(arguments=None) -> int:
@@ -24,7 +27,8 @@ def main(arguments=None) -> int:
     Returns
     -------
     code : int
-        0 success, 1 a separation could not be simulated, 2 bad input, 130 interrupted.
+        0 success, 1 a separation could not be simulated, 2 bad input, 3 a requirement is not met where that was asked
+        for, 130 interrupted.
 
     Examples
     --------
@@ -64,7 +68,7 @@ def _parser():
         "  satsep-ot new mine.toml            write an annotated case to start from\n"
         "  satsep-ot check mine.toml          see what the program understands\n"
         "  satsep-ot simulate mine.toml       one nominal run\n"
-        "  satsep-ot study mine.toml          probabilities, tables and figures\n"
+        "  satsep-ot study mine.toml          probabilities, and a report that one reads\n"
         "  satsep-ot study                    the same for the reference case of the package\n\n" + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -83,16 +87,26 @@ def _parser():
         return added
 
     case_help = "a case file, or the name of a case in the package (default: reference)"
-    new = command("new", _new, "write an annotated case file to start from", "  satsep-ot new mine.toml")
+    new = command(
+        "new",
+        _new,
+        "write an annotated case file to start from",
+        "  satsep-ot new mine.toml\n  satsep-ot new mine.toml --like cubesat",
+    )
     new.add_argument("file", type=Path, metavar="FILE", help="the file to write; an existing one is not overwritten")
+    new.add_argument(
+        "--like", default="reference", metavar="NAME",
+        help="the case of the package to start from (default: reference, which explains every key)",
+    )  # fmt: skip
 
     check = command(
         "check",
         _check,
         "print a case as it is understood, the range of each uncertain input, and the nominal run",
-        "  satsep-ot check mine.toml\n  satsep-ot check reference",
+        "  satsep-ot check mine.toml\n  satsep-ot check reference\n  satsep-ot check mine.toml --json",
     )
     check.add_argument("case", metavar="CASE.toml", help=case_help.removesuffix(" (default: reference)"))
+    check.add_argument("--json", action="store_true", help="print JSON: inputs, warnings, nominal run, requirements")
 
     run = command(
         "simulate",
@@ -102,6 +116,13 @@ def _parser():
     )
     run.add_argument("case", nargs="?", default="reference", metavar="CASE.toml", help=case_help)
     run.add_argument("--json", action="store_true", help="print JSON, in full precision")
+    run.add_argument(
+        "--at", nargs="+", type=_time, default=[], metavar="T",
+        help="print the motion at these times too [s after the start], beside that at the last release",
+    )  # fmt: skip
+    run.add_argument(
+        "--tolerance", type=_tolerance, default=1e-8, metavar="X", help="relative accuracy of the run (default: 1e-8)"
+    )
 
     study = command(
         "study",
@@ -128,6 +149,23 @@ def _parser():
         "--runs", type=_positive, default=500_000, metavar="N",
         help="runs of the Monte Carlo sample, which all requirements share (default: 500000)",
     )  # fmt: skip
+    study.add_argument(
+        "--tolerances", type=_count, default=2, metavar="N",
+        help="of each requirement, halve the N strongest tolerances to see what that buys (default: 2)",
+    )  # fmt: skip
+    study.add_argument(
+        "--fail-unless-met", action="store_true",
+        help="exit with 3 unless every requirement is met with 95 %% confidence",
+    )  # fmt: skip
+    study.add_argument("--json", action="store_true", help="print what is in results.json instead of tables")
+
+    report = command(
+        "report",
+        _report,
+        "write report.html again from the results of a study, without running anything",
+        "  satsep-ot report satsep-study",
+    )
+    report.add_argument("directory", type=Path, metavar="RESULTS_DIR", help="what `satsep-ot study --output` wrote")
     return parser
 
 
@@ -135,8 +173,30 @@ def _positive(text):
     return _whole(text, 1, 10**9)
 
 
+def _count(text):
+    return _whole(text, 0, 100)
+
+
 def _seed(text):
     return _whole(text, 0, 2**31 - 1)
+
+
+def _time(text):
+    return _number_between(text, 0.0, 1000.0, "time in s")
+
+
+def _tolerance(text):
+    return _number_between(text, 1e-13, 1e-2, "tolerance")
+
+
+def _number_between(text, least, most, what):
+    try:
+        value = float(text)
+    except ValueError:
+        value = least - 1.0
+    if not least <= value <= most:
+        raise argparse.ArgumentTypeError(f"{text} is not a {what}, a number from {least:g} to {most:g}")
+    return value
 
 
 def _whole(text, least, most):
@@ -151,13 +211,18 @@ def _fail(message, code):
 
 
 def _new(options):
-    from importlib import resources
+    import re
 
-    text = (resources.files("satsep_ot.model") / "cases" / "reference.toml").read_text(encoding="utf-8")
+    from satsep_ot.model.case import load_case, shipped_cases
+
+    if options.like not in shipped_cases():
+        return _fail(f"{options.like} is no case of the package; there are {', '.join(shipped_cases())}", 2)
+    text = load_case(options.like).text
     try:
         # "x" leaves no moment in which a file that appears meanwhile could be lost.
         with options.file.open("x", encoding="utf-8") as stream:
-            stream.write(text.replace('name = "reference"', f"name = {json.dumps(options.file.stem)}", 1))
+            name = json.dumps(options.file.stem)
+            stream.write(re.sub(r"^name = .*$", lambda _: f"name = {name}", text, count=1, flags=re.MULTILINE))
     except FileExistsError:
         return _fail(f"{options.file} exists already and is not overwritten; give another name", 2)
     print(f"{options.file} written: edit it, then run\n  satsep-ot check {options.file}")
@@ -165,9 +230,16 @@ def _new(options):
 
 
 def _check(options):
+    from satsep_ot.dynamics.separation import Status
     from satsep_ot.model.case import load_case
+    from satsep_ot.model.plausibility import implausibilities
 
     case = load_case(options.case)
+    outcome, quantities = _nominal_run(case)
+    warnings = implausibilities(case)
+    if options.json:
+        print(json.dumps(_check_document(case, quantities, warnings), indent=2, allow_nan=False))
+        return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
     console = _console()
     separation = case.separation
     console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
@@ -176,38 +248,106 @@ def _check(options):
     for line in _conditions(separation):
         console.print(line)
     console.print(_inputs(case.inputs))
-    outcome, quantities = _nominal_run(case)
+    for first, second, coefficient in _correlated(case):
+        console.print(f"{_plain(first)} and {_plain(second)} are correlated: {coefficient:g}")
     console.print(_quantities(quantities))
     console.print(_requirements(case.requirements, quantities))
-    return _report_status(outcome)
+    for warning in warnings:
+        console.print(f"[bold]! implausible[/bold]  {_plain(warning)}")
+    return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
+
+
+def _check_document(case, quantities, warnings):
+    """What `check` understood, as plain data; a number that a failed run does not have is null."""
+    from satsep_ot.model.inputs import quantile_range
+
+    return {
+        "case": case.name,
+        "description": case.description,
+        "inputs": [
+            {
+                "name": row.name,
+                "unit": row.unit,
+                "distribution": str(row.distribution),
+                "nominal": row.reference,
+                "range": list(quantile_range(row.distribution)),
+                "description": row.description,
+            }
+            for row in case.inputs
+        ],
+        "correlation": [
+            {"inputs": [first, second], "coefficient": coefficient} for first, second, coefficient in _correlated(case)
+        ],
+        "nominal": {
+            name: {"value": value if value == value else None, "unit": unit}
+            for name, (value, unit, _) in quantities.items()
+        },
+        "requirements": [
+            {
+                "name": entry.name,
+                "quantity": entry.quantity,
+                "maximum" if entry.is_maximum else "minimum": entry.limit,
+                "allowed_probability": entry.allowed_probability,
+            }
+            for entry in case.requirements
+        ],
+        "warnings": warnings,
+    }
+
+
+def _correlated(case):
+    """(name, name, coefficient of the normal copula) of each pair that is correlated."""
+    if case.copula is None:
+        return
+    matrix = case.copula.getParameter()
+    names = [row.name for row in case.inputs]
+    place = 0
+    # The parameter of a NormalCopula is the lower triangle of its matrix, row by row.
+    for i in range(1, len(names)):
+        for j in range(i):
+            if matrix[place]:
+                yield names[j], names[i], matrix[place]
+            place += 1
 
 
 def _simulate(options):
+    from satsep_ot.dynamics.quantities import quantity_table
     from satsep_ot.model.case import load_case
+    from satsep_ot.model.run_document import run_document
 
     case = load_case(options.case)
-    outcome, quantities = _nominal_run(case)
-    release_times = outcome.release_times[0].tolist()
+    document = run_document(case, options.at, options.tolerance)
     if options.json:
-        from satsep_ot.dynamics.separation import Status
-
-        finite = {name: value if value == value else None for name, (value, _, _) in quantities.items()}
-        document = {
-            "case": case.name,
-            "status": Status(int(outcome.status[0])).name,
-            "message": Status(int(outcome.status[0])).sentence,
-            "quantities": finite,
-            "units": {name: unit for name, (_, unit, _) in quantities.items()},
-            "release_times": [time if time == time else None for time in release_times],
-        }
         print(json.dumps(document, indent=2, allow_nan=False))
     else:
+        table = quantity_table(case.separation)
         console = _console()
         console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
-        console.print(_quantities(quantities))
-        for number, time in enumerate(release_times, start=1):
-            console.print(f"spring {number} released at {1e3 * time:.6f} ms")
-    return _report_status(outcome)
+        console.print(
+            _quantities(
+                {name: (_or_nan(document["quantities"][name]), q.unit, q.description) for name, q in table.items()}
+            )
+        )
+        for number, time in enumerate(document["release_times"], start=1):
+            console.print(f"spring {number} released at {1e3 * _or_nan(time):.6f} ms")
+        if document["at_last_release"] and options.at:
+            console.print(_motions(document))
+    return _report_status(document["status"], document["message"])
+
+
+def _or_nan(value):
+    return float("nan") if value is None else value
+
+
+def _motions(document):
+    """The vectors of the motion, column by column: the last release, and the times asked for."""
+    motions = [document["at_last_release"], *document["at"]]
+    titles = ["last release", *(f"{motion['t']:g} s" for motion in document["at"])]
+    table = _table("Motion [SI, rad/s]", "", *(f">{title}" for title in titles))
+    for name in motions[0]:
+        if name != "t":
+            table.add_row(name, *(_numbers(motion[name]) for motion in motions))
+    return table
 
 
 def _study(options):
@@ -224,22 +364,64 @@ def _study(options):
     options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=options.output):
         pass
-    study = SeparationStudy(SeparationProblem(case), options.methods, options.seed, options.runs)
-    with _progress() as show:
-        study.setProgressCallback(show)
-        study.run()
-        show("figures", 0.97)
-        paths = study.save(options.output)
-        show("done", 1.0)
+    study = SeparationStudy(
+        SeparationProblem(case), options.methods, options.seed, options.runs, toleranceSize=options.tolerances
+    )
+    try:
+        with _progress() as show:
+            study.setProgressCallback(show)
+            study.run()
+            show("figures and report", 0.95)
+            paths = study.save(options.output)
+            show("done", 1.0)
+    except KeyboardInterrupt:
+        if not study.getRows():
+            return _fail("interrupted; no probability was finished, nothing is kept", 130)
+        path = study.saveRows(options.output)
+        return _fail(f"interrupted; the probabilities finished so far are kept in {path}", 130)
+    verdicts = study.getVerdicts()
+    if options.json:
+        print((options.output / "results.json").read_text(encoding="utf-8"), end="")
+    else:
+        _print_study(case.name, study, verdicts, paths)
+    if options.fail_unless_met and any(verdict.status != "met" for verdict in verdicts):
+        return _fail("not every requirement is met with 95 % confidence", 3)
+    return 0
+
+
+def _print_study(name, study, verdicts, paths):
+    from satsep_ot.studies.verdicts import headline
+
     console = _console()
-    console.print(_study_table(case.name, study.getRows()))
+    console.print(f"[bold]{_plain(headline(verdicts))}[/bold]")
+    for verdict in verdicts:
+        console.print(f"  {_plain(verdict.requirement)}: {_plain(verdict.sentence)}")
+    console.print()
+    console.print(_study_table(name, study.getRows()))
     console.print("[bold]Remarks[/bold]")
     for line in _study_remarks(study.getRows()):
         console.print(line)
     console.print()
     for remark in study.getRemarks():
         console.print(f"[bold]![/bold] {_plain(remark)}")
-    console.print(f"\nwritten to {_plain(str(options.output))}: {', '.join(path.name for path in paths)}")
+    for requirement, halved in study.getTolerances().items():
+        for row in halved:
+            console.print(
+                f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
+                f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
+            )
+    # Not through the console, which would fold a long path.
+    print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")
+
+
+def _report(options):
+    from satsep_ot.studies.report import ReportError, write_report
+
+    try:
+        path = write_report(options.directory)
+    except ReportError as error:
+        return _fail(error, 2)
+    print(f"{path} written: open it in a browser")
     return 0
 
 
@@ -319,11 +501,8 @@ def _nominal_run(case):
     return outcome, values
 
 
-def _report_status(outcome):
-    from satsep_ot.dynamics.separation import Status
-
-    status = Status(int(outcome.status[0]))
-    return 0 if status == Status.OK else _fail(f"the nominal separation cannot be simulated: {status.sentence}", 1)
+def _report_status(status, sentence):
+    return 0 if status == "OK" else _fail(f"the nominal separation cannot be simulated: {sentence}", 1)
 
 
 def _console():
@@ -378,15 +557,9 @@ def _springs(separation):
 def _conditions(separation):
     from math import degrees, sqrt
 
-    energy = sum(
-        k * s * (x - 0.5 * s)
-        for k, x, s in zip(
-            separation.springs.stiffness,
-            separation.springs.deformation,
-            map(min, separation.springs.stroke, separation.springs.deformation),
-            strict=True,
-        )
-    )
+    from satsep_ot.model.plausibility import push_energy
+
+    energy = push_energy(separation)
     reduced = 1.0 / (1.0 / separation.platform.mass + 1.0 / separation.satellite.mass)
     yield f"Spring energy {energy:.6g} J, enough for {sqrt(2.0 * energy / reduced):.6g} m/s"
     if separation.stowed_length:
@@ -397,9 +570,10 @@ def _conditions(separation):
     if separation.orbit is None:
         yield "No gravity"
     else:
-        torque = "on" if separation.gradient_torque else "off"
+        torque, j2 = ("on" if given else "off" for given in (separation.gradient_torque, separation.orbit.j2))
         position, velocity = separation.orbit.position, separation.orbit.velocity
         yield f"Orbit: position {_numbers(position, 1e-3)} km, velocity {_numbers(velocity, 1e-3)} km/s"
+        yield f"Period {separation.orbit.period / 60.0:.6g} min; J2 {j2} in the coast"
         yield f"Gravity-gradient torque: {torque}"
         yield f"Attitude quaternion {_numbers(separation.attitude)} (w, x, y, z)"
     if separation.envelope is None:

@@ -403,8 +403,8 @@ REFUSALS = {
     "unknown quantity": ('quantity = "spin"', 'quantity = "spinn"', ["requirements[2].quantity", "'spin'"]),
     "names twice": ('name = "spin"', 'name = "lateral rate"', ["requirements[2].name", "different"]),
     "impossible probability": (
-        "maximum = 2.5",
-        "maximum = 2.5\nallowed_probability = 2",
+        "allowed_probability = 5e-3",
+        "allowed_probability = 2",
         ["allowed_probability", "below 1"],
     ),
     "requirements are one table": ("[[requirements]]", "[requirements]", ["not valid TOML"]),

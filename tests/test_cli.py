@@ -1,6 +1,7 @@
 """The command line: what it prints, its exit codes, and one sentence instead of a traceback."""
 
 import json
+import signal
 import subprocess
 import sys
 import time
@@ -54,7 +55,8 @@ def test_check_prints_the_case_as_understood(capsys):
     out = capsys.readouterr().out
     for words in (
         "mass [kg]", "1500, 600, 1500, 0, 0, 0", "0, -1600, 0", "Springs (guided)", "315", "Spring energy 16.5 J",
-        "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km", "8 points, 4 of them in a recess",
+        "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km",
+        "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in a recess",
         "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
         "0.597912", "lateral_rate <= 2.5", "axial_velocity >= 0.59",
     ):  # fmt: skip
@@ -131,7 +133,15 @@ def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     "arguments",
-    [[], ["fly"], ["check"], ["study", "--seed", "-1"], ["study", "--runs", "0"], ["study", "--methods", "Guess"]],
+    [
+        [],
+        ["fly"],
+        ["check"],
+        ["report"],
+        ["study", "--seed", "-1"],
+        ["study", "--runs", "0"],
+        ["study", "--methods", "Guess"],
+    ],
 )
 def test_wrong_arguments(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
@@ -140,7 +150,7 @@ def test_wrong_arguments(arguments, capsys):
     assert "usage: satsep-ot" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [[], ["new"], ["check"], ["simulate"], ["study"]])
+@pytest.mark.parametrize("arguments", [[], ["new"], ["check"], ["simulate"], ["study"], ["report"]])
 def test_help_has_examples(arguments, capsys):
     with pytest.raises(SystemExit) as caught:
         cli.main([*arguments, "--help"])
@@ -181,10 +191,82 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
         "requirement", "method", "probability", "lower95", "upper95", "coefficient_of_variation", "evaluations",
         "gradients", "seconds", "converged", "note",
     ]  # fmt: skip
-    figures = {path.name for path in output.iterdir()} - {"results.json"}
-    assert figures == {
-        "separation.png", "eigenvalues.png", "sufficient_summary.png", "densities.png", "probabilities.png",
+    assert {path.name for path in output.iterdir()} == {
+        "results.json", "motion.json", "case.toml", "figures", "report.html",
     }  # fmt: skip
+    figures = {figure["file"] for figure in results["figures"]}
+    assert {path.name for path in (output / "figures").iterdir()} == figures
+    assert "open " + str(output / "report.html") in captured.out
+
+
+ROLLING = (
+    '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.05 }\n'
+    'rate_y = { quantity = "initial.rates.y", sigma = 0.4 }\n'
+    '[[requirements]]\nname = "rolling"\nquantity = "spin"\nmaximum = 1.0\nallowed_probability = 1e-3\n'
+)
+
+
+def test_study_says_by_its_exit_code_that_a_requirement_is_not_met(tmp_path, capsys):
+    output = tmp_path / "results"
+    arguments = [
+        "study",
+        small(tmp_path, ROLLING),
+        "--output",
+        str(output),
+        "--runs",
+        "5000",
+        "--methods",
+        "MonteCarlo",
+    ]
+    assert cli.main([*arguments, "--fail-unless-met", "--json"]) == 3
+    captured = capsys.readouterr()
+    document = json.loads(captured.out)
+    assert document == json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert document["verdicts"][0]["status"] == "not met"
+    assert "not every requirement is met" in captured.err
+
+
+def test_interrupted_study_stops_and_says_what_it_kept(tmp_path, monkeypatch, capsys):
+    from satsep_ot.studies.separation_study import SeparationStudy
+
+    run, done = SeparationStudy._runMethod, []
+
+    def interrupt_the_second(study, *arguments):
+        if done:
+            raise KeyboardInterrupt
+        done.append(arguments)
+        return run(study, *arguments)
+
+    monkeypatch.setattr(SeparationStudy, "_runMethod", interrupt_the_second)
+    output = tmp_path / "results"
+    arguments = ["study", small(tmp_path, ROLLING), "--output", str(output), "--runs", "1000", "--methods"]
+    assert cli.main([*arguments, "FORM", "MonteCarlo"]) == 130
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said == f"satsep-ot: interrupted; the probabilities finished so far are kept in {output / 'results.json'}"
+    results = json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert results["complete"] is False
+    assert [(row["requirement"], row["method"]) for row in results["rows"]] == [("rolling", "FORM")]
+    assert cli.main(["report", str(output)]) == 2
+
+
+def test_ctrl_c_stops_the_program_within_a_second(tmp_path):
+    """A signal in the middle of the Monte Carlo sample, to the program as a user runs it."""
+    command = [sys.executable, "-m", "satsep_ot", "study", small(tmp_path, ROLLING), "--output", str(tmp_path / "out")]
+    with subprocess.Popen(
+        [*command, "--runs", "100000000"], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as process:
+        while "Monte Carlo runs" not in process.stderr.readline():
+            assert process.poll() is None
+        time.sleep(0.5)
+        start = time.perf_counter()
+        process.send_signal(signal.SIGINT)
+        said = process.stderr.readline()
+        taken = time.perf_counter() - start
+        _, errors = process.communicate(timeout=20)
+    assert process.returncode == 130
+    assert said == "satsep-ot: interrupted; no probability was finished, nothing is kept\n"
+    assert errors == ""
+    assert taken < 1.0
 
 
 def test_study_table_fits_a_terminal_of_80_columns():
@@ -254,3 +336,39 @@ def test_the_module_runs_as_a_program():
     assert done.returncode == 2
     assert done.stderr.startswith("satsep-ot: nothing: there is no such file")
     assert "Traceback" not in done.stderr
+
+
+def test_check_warns_of_the_implausible(tmp_path, capsys):
+    path = tmp_path / "fast.toml"
+    path.write_text(load_case("reference").text.replace("stiffness = 5500.0", "stiffness = 38.5e6"), encoding="utf-8")
+    assert cli.main(["check", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert "! implausible  springs: their energy of 1.16e+05 J gives 50 m/s" in out
+
+
+def test_check_as_json(tmp_path, capsys):
+    text = load_case("ring_400kg").text
+    path = tmp_path / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    assert cli.main(["check", str(path), "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["case"] == "ring_400kg"
+    assert document["inputs"][0]["name"] == "satellite_mass"
+    assert document["inputs"][0]["range"] == pytest.approx([400 - 2.0603, 400 + 2.0603], rel=1e-6)
+    assert document["nominal"]["axial_velocity"]["unit"] == "m/s"
+    assert document["requirements"][2]["minimum"] == 0.494
+    assert document["warnings"] == []
+    pairs = {tuple(entry["inputs"]): entry["coefficient"] for entry in document["correlation"]}
+    assert pairs[("satellite_Ixx", "satellite_Izz")] == 0.7
+    # Eight springs, every pair of them, and one pair of moments.
+    assert len(pairs) == 8 * 7 // 2 + 1
+    assert pairs[("stiffness_1", "stiffness_8")] == 0.5
+
+
+def test_new_like_another_case(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    assert cli.main(["new", str(path), "--like", "cubesat"]) == 0
+    case = load_case(path)
+    assert case.name == "mine"
+    assert case.separation.satellite.mass == 2.0
+    assert "there are cubesat, " in refused(["new", str(tmp_path / "other.toml"), "--like", "cube"], capsys)

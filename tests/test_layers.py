@@ -12,12 +12,12 @@ ALLOWED = {
     "dynamics": {"numpy", "numba", "scipy", "satsep_ot.dynamics"},
     "model": {"numpy", "openturns", "satsep_ot.dynamics", "satsep_ot.model"},
     "methods": {"numpy", "scipy", "openturns", "threadpoolctl", "satsep_ot.methods"},
-    "studies": {"numpy", "scipy", "openturns", "matplotlib", "satsep_ot"},
+    "studies": {"numpy", "scipy", "openturns", "matplotlib", "jinja2", "markupsafe", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
-    "abc", "collections", "concurrent", "contextlib", "csv", "dataclasses", "difflib", "enum", "functools",
-    "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "tempfile", "time",
-    "tomllib", "types", "typing", "warnings",
+    "abc", "base64", "collections", "concurrent", "contextlib", "csv", "dataclasses", "datetime", "difflib", "enum",
+    "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "re",
+    "tempfile", "time", "tomllib", "types", "typing", "warnings", "zipfile",
 }  # fmt: skip
 
 

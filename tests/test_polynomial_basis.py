@@ -224,3 +224,43 @@ def test_covariance_of_the_coefficients(random):
     design = basis.evaluate(points)
     covariance = fit_polynomial(basis, points, np.zeros(40), weights).relative_covariance()
     np.testing.assert_allclose(covariance, np.linalg.inv((design * weights) @ design.T), atol=1e-12)
+
+
+@pytest.mark.parametrize(("dimension", "size"), [(1, 25), (1, 1000), (2, 61), (3, 400), (5, 700)])
+@pytest.mark.parametrize("weighted", [False, True])
+def test_normal_equations_lose_no_digit_that_matters(random, dimension, size, weighted, monkeypatch):
+    basis = PolynomialBasis(dimension, 4)
+    points = random.standard_normal((size, dimension))
+    values = 1e6 + np.column_stack([np.exp(points.sum(axis=1) / dimension), random.standard_normal(size)])
+    weights = random.uniform(0.1, 2.0, size) if weighted else None
+    found = fit_polynomial(basis, points, values, weights)
+    monkeypatch.setattr(polynomial_basis, "NORMAL_CONDITION", 0.0)
+    reference = fit_polynomial(basis, points, values, weights)
+    scale = np.abs(reference.coefficients).max(axis=0)
+    assert (np.abs(found.coefficients - reference.coefficients) / scale).max() < 1e-12
+    np.testing.assert_allclose(found.leverages, reference.leverages, rtol=1e-11, atol=1e-12)
+
+
+def test_normal_equations_are_left_where_they_would_lose_digits(random, monkeypatch):
+    basis = PolynomialBasis(2, 4)
+    # So close together that the polynomials are nearly dependent.
+    points = 0.1 * random.standard_normal((200, 2))
+    values = random.standard_normal(200)
+    fit = fit_polynomial(basis, points, values)
+    assert fit.condition > 1e4
+    monkeypatch.setattr(polynomial_basis, "NORMAL_CONDITION", 0.0)
+    assert np.array_equal(fit.coefficients, fit_polynomial(basis, points, values).coefficients)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_data_that_are_not_finite_are_named_on_every_way(random, bad):
+    basis = PolynomialBasis(2, 1)
+    for row, column in ((7, 0), (7, 1)):
+        points, values = random.standard_normal((40, 2)), random.standard_normal((40, 2))
+        values[row, column] = bad
+        with pytest.raises(ValueError, match="first is row 7"):
+            fit_polynomial(basis, points, values)
+        values[row, column] = 0.0
+        points[row, column] = bad
+        with np.errstate(invalid="ignore"), pytest.raises(ValueError, match="first is row 7"):
+            fit_polynomial(basis, points, values)

@@ -71,6 +71,35 @@ def test_known_probability_within_few_runs(name, runs):
     assert result.getDiagnostics()["true failures"] >= 60
 
 
+def test_the_radius_alone_is_preferred_to_directions_that_only_fit_the_noise():
+    # With this seed three random directions and the radius fit as well as the radius, and the next refit was wild.
+    ot.RandomGenerator.SetSeed(4)
+    result, truth = solve("P5")
+    assert result.getConverged()
+    assert result.getActiveDimensions() == [0]
+    assert result.getProbabilityEstimate() == pytest.approx(truth, rel=0.05)
+    assert result.getEvaluationNumber() < 560
+
+
+def test_a_refit_that_contradicts_the_estimate_proposes_no_runs(monkeypatch):
+    original, spoilt = reliability.ActiveSubspaceReliability._propose, []
+
+    def propose(self):
+        proposal = original(self)
+        if self._blocks:
+            spoilt.append(proposal)
+            proposal = dataclasses.replace(proposal, probability=200.0 * proposal.probability)
+        return proposal
+
+    monkeypatch.setattr(reliability.ActiveSubspaceReliability, "_propose", propose)
+    algorithm = ActiveSubspaceReliability(event(lambda u: 3.0 - u.sum(axis=1) / math.sqrt(3.0)))
+    algorithm.run()
+    result = algorithm.getResult()
+    assert spoilt
+    assert result.getConverged()
+    assert result.getProbabilityEstimate() == pytest.approx(ot.DistFunc.pNormal(-3.0), rel=0.1)
+
+
 @pytest.mark.slow
 def test_noisy_ridge_and_system_of_eight_ridges():
     for name in ("P3", "System35"):

@@ -194,9 +194,11 @@ def _nextSmoothing(logWeight, value, scale, largest):
 
     if variation(0.0) <= 2.5:
         return 0.0
+    # A few points and digits do: the next level starts from its own.
+    logWeight, value, scale = logWeight[::4], value[::4], scale[::4]
     upper = min(largest, 10.0 * float(np.abs(value).max()))
     lower = 0.0
-    for _ in range(30):
+    for _ in range(14):
         middle = 0.5 * (lower + upper)
         lower, upper = (lower, middle) if variation(middle) <= 2.5 else (middle, upper)
     return upper

@@ -250,6 +250,8 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
     d = u.shape[1]
     effective = weights.sum() ** 2 / (weights**2).sum()
     best = _fitModel(u, column, weights, RidgeModel(0, 0), None, None)
+    # The best of each number of directions: with the inactive radius, fewer of them may do.
+    ladder = [best]
     # What is smaller than the smallest error that is believed needs no larger model.
     floor = 0.5 * _SMALLEST_ERROR * float(column.std())
     for dimension in range(1, min(maximumDimension, d) + 1):
@@ -268,17 +270,28 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
             lower = fit = _fitModel(u, column, weights, model, None, initial)
             if fit.error < math.sqrt(_PARSIMONY) * best.error:
                 best, improved = fit, True
+        if improved:
+            ladder.append(best)
         # A second direction may show where the first one does not (an even function), a third one after both.
-        if dimension >= 2 and not improved:
+        elif dimension >= 2:
             break
-    return best
+    if best.error <= floor:
+        return best
+    errors = [_withRadius(u, column, weights, fit).error for fit in ladder]
+    chosen = 0
+    for index, error in enumerate(errors):
+        if error < math.sqrt(_PARSIMONY) * errors[chosen] and errors[chosen] > floor:
+            chosen = index
+    return ladder[chosen]
 
 
-def _withRadius(u, column, weights, fit, radius):
+def _withRadius(u, column, weights, fit, radius=None):
     """The same subspace with the inactive radius as one more variable, where that predicts clearly better."""
     best = fit
-    if fit.error <= 0.5 * _SMALLEST_ERROR * float(column.std()):
+    if fit.error <= 0.5 * _SMALLEST_ERROR * float(column.std()) or fit.directions.shape[1] == u.shape[1]:
         return fit
+    if radius is None:
+        radius = normalisedRadius(u, fit.directions)
     for degree in (2, 4):
         model = RidgeModel(fit.model.dimension, max(degree, min(fit.model.degree, 4)), True)
         if model.parameters(u.shape[1]) > 0.75 * len(column):

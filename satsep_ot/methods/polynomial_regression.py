@@ -7,6 +7,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, hermite_recurrence
+from satsep_ot.methods.polynomial_prediction import PolynomialPrediction
 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
 HUBER_CONSTANT = 1.345
@@ -193,22 +194,25 @@ class MultivariatePolynomialRegression:
 
     def _reduction(self):
         law = self._law()
-        families, centre, slope = [], [], []
+        families = []
+        centre, slope = np.array(law.getMean()), 1.0 / np.array(law.getStandardDeviation())
         for i in range(law.getDimension()):
             marginal = law.getMarginal(i)
+            if marginal.getImplementation().getClassName() == "Normal":
+                families.append(ot.HermiteFactory())
+                continue
             family = ot.StandardDistributionPolynomialFactory(marginal)
             measure = family.getMeasure()
-            ratio = measure.getStandardDeviation()[0] / marginal.getStandardDeviation()[0]
-            families.append(family)
-            slope.append(ratio)
             # So that mean and standard deviation go to those of the family's own measure.
-            centre.append(marginal.getMean()[0] - measure.getMean()[0] / ratio)
-        return _Reduction(law, families, np.array(centre), np.array(slope))
+            slope[i] *= measure.getStandardDeviation()[0]
+            centre[i] -= measure.getMean()[0] / slope[i]
+            families.append(family)
+        return _Reduction(law, families, centre, slope)
 
     def _basis(self, families, degree):
         recurrences = []
         for family in families:
-            if family.getMeasure().getImplementation().getClassName() == "Normal":
+            if isinstance(family, ot.HermiteFactory):
                 recurrences.append(hermite_recurrence(degree))
             else:
                 rows = [list(family.getRecurrenceCoefficients(order)) for order in range(degree)]
@@ -280,6 +284,7 @@ class MultivariatePolynomialRegressionResult:
         self._values = values
         self._reduction = reduction
         self._descriptions = descriptions
+        self._prediction = PolynomialPrediction(fit.basis, fit.coefficients, reduction.centre, reduction.slope)
         self._metaModel = None
 
     def __repr__(self):
@@ -322,7 +327,7 @@ class MultivariatePolynomialRegressionResult:
 
     def evaluate(self, points):
         """Predictions on arrays, (n, d) to (n, p); the fast way."""
-        return self._fit.predict(self._reduction.apply(points))
+        return np.ascontiguousarray(self._prediction.evaluate(points).T)
 
     def computeGradient(self, points):
         """Gradients at points (n, d): ndarray (n, d, p)."""

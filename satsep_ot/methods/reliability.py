@@ -8,6 +8,7 @@ import numpy as np
 import openturns as ot
 from scipy.special import ndtr
 
+from satsep_ot.methods.failure_sample import FailureSample
 from satsep_ot.methods.importance_proposal import Pool, fitImportantRegion
 from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
@@ -15,8 +16,10 @@ from satsep_ot.methods.reliability_result import (
     ActiveSubspaceReliabilityResult,
     Block,
     Estimate,
-    clopperPearson,
+    IntervalLaw,
+    SurrogateView,
     diagnose,
+    failureSampleOf,
 )
 from satsep_ot.methods.single_thread import singleThread
 from satsep_ot.methods.subset_simulation import runSubsetSimulation
@@ -272,12 +275,13 @@ class ActiveSubspaceReliability:
         proposal = self._propose()
         best, idle, earlier = math.inf, 0, 0.0
         while True:
-            size = self._blockSize
+            # Refits cost time: with many runs they come after a larger share of new ones.
+            size = max(self._blockSize, int(0.1 * self._used()))
             u = self._drawWide(size) if proposal is None else self._drawRuns(proposal, proposal.exploration, size)[0]
             runs = self._evaluate(u, "learning")
             trusted = self._calibrate(runs)
             self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
-            exhausted = self._used() + self._blockSize > limit
+            exhausted = self._used() + size > limit
             proposal = self._propose()
             if proposal is None:
                 if exhausted:
@@ -304,8 +308,8 @@ class ActiveSubspaceReliability:
             needed = max(self._runsNeeded(proposal), self._runsForFailures(proposal))
             done = sum(block.size for block in self._blocks)
             missing = _MINIMUM_BLOCKS - len(self._blocks)
-            size = max(needed / _MINIMUM_BLOCKS if missing > 0 else needed - done, self._blockSize)
-            size = int(min(size, 10 * self._blockSize, remaining / max(missing, 1)))
+            size = max(needed / _MINIMUM_BLOCKS if missing > 0 else needed - done, self._blockSize, 0.1 * done)
+            size = int(min(size, max(10 * self._blockSize, 0.25 * self._used()), remaining / max(missing, 1)))
             if size < 2:
                 self._finish(False, f"the maximum number of evaluations, {self._maximumEvaluations}, was reached")
                 return
@@ -314,6 +318,8 @@ class ActiveSubspaceReliability:
             failure = proposal.failure[chosen]
             self._blocks.append(
                 Block(
+                    proposal.surrogate,
+                    proposal.failure,
                     proposal.pool,
                     proposal.probability,
                     proposal.poolVariance,
@@ -337,8 +343,11 @@ class ActiveSubspaceReliability:
                 return
             self._calibrate(runs)
             self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
-            # The search for the region is random and has a second chance; then the earlier proposal stays valid.
-            proposal = self._propose() or self._propose() or proposal
+            # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
+            # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
+            refitted = self._propose() or self._propose()
+            if refitted is not None and self._isConsistent(refitted, estimate):
+                proposal = refitted
 
     # Their steps. ----------------------------------------------------------------------------------------------------
 
@@ -441,6 +450,12 @@ class ActiveSubspaceReliability:
         exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
         return _Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
 
+    @staticmethod
+    def _isConsistent(proposal, estimate):
+        """Whether the surrogate's probability lies within five standard deviations of the estimate so far."""
+        deviation = math.sqrt(estimate.variance + proposal.poolVariance) + 0.02 * abs(estimate.probability)
+        return abs(proposal.probability - estimate.probability) <= 5.0 * deviation
+
     def _missesKnownFailures(self):
         """Whether runs drawn as by Monte Carlo, or without a finite value, failed against the surrogate: rare draws of
         the nominal distribution would have to find such failures again."""
@@ -496,13 +511,20 @@ class ActiveSubspaceReliability:
         self._store(
             max(estimate.probability, 0.0),
             estimate.variance,
-            estimate.interval,
+            estimate.law(),
             estimate.surrogateProbability,
             diagnostics,
             converged,
             reason,
             "ActiveSubspace",
+            self._laterFailureSample(),
         )
+
+    def _laterFailureSample(self):
+        """Made when it is asked for, and the same whenever that is."""
+        blocks, limitState = list(self._blocks), self._limitState
+        seed = int(self._generator.integers(2**31))
+        return lambda: failureSampleOf(blocks, limitState, np.random.default_rng(seed))
 
     def _finishFromNominalRuns(self, converged, reason):
         """The first, normal runs are a small Monte Carlo sample: what is left where nothing else is."""
@@ -512,7 +534,7 @@ class ActiveSubspaceReliability:
         self._store(
             share,
             share * (1.0 - share) / size,
-            lambda level: clopperPearson(failures, size, level),
+            IntervalLaw(failures=failures, runs=size),
             None,
             {
                 "true failures": float(failures),
@@ -522,6 +544,7 @@ class ActiveSubspaceReliability:
             converged,
             f"{reason}; the estimate is from the first {size} runs, drawn as by Monte Carlo",
             "MonteCarlo",
+            FailureSample.ofMonteCarlo(runs.x, runs.failed),
         )
 
     def _handOver(self, why):
@@ -537,37 +560,40 @@ class ActiveSubspaceReliability:
                 f"; it found no failure before the evaluations ended, at a level of probability {subset.upperBound:.1e}"
             )
 
-        def interval(level):
-            if math.isinf(variation):
-                return 0.0, clopperPearson(0, len(self._initial), level)[1]
-            width = -ot.DistFunc.qNormal(0.5 - 0.5 * level) * math.sqrt(math.log1p(variation**2))
-            return subset.probability * math.exp(-width), min(subset.probability * math.exp(width), 1.0)
-
+        squared = (variation * subset.probability) ** 2 if subset.probability > 0.0 else 0.0
+        law = IntervalLaw(subset.probability, squared)
+        if math.isinf(variation):
+            law = IntervalLaw(failures=0, runs=len(self._initial))
         self._store(
             subset.probability,
-            (variation * subset.probability) ** 2 if subset.probability > 0.0 else 0.0,
-            interval,
+            squared,
+            law,
             None,
             {"true failures": float(subset.runs.failed.sum()), "not finite": float(self._limitState.nonFiniteNumber)},
             variation <= self._targetCoefficientOfVariation,
             reason,
             "SubsetSimulation",
+            None,
         )
 
-    def _store(self, probability, variance, interval, surrogateProbability, diagnostics, converged, reason, method):
+    def _store(
+        self, probability, variance, law, surrogateProbability, diagnostics, converged, reason, method, failureSample
+    ):
+        runs, surrogate, limitState = Runs.concatenate(self._runs), self._surrogate, self._limitState
         self._result = ActiveSubspaceReliabilityResult(
             self._event,
+            limitState.distribution,
             probability,
             variance,
-            interval,
+            law,
             surrogateProbability,
             dict(self._phases),
             diagnostics,
             converged,
             reason,
             method,
-            self._surrogate,
-            self._limitState,
-            Runs.concatenate(self._runs),
+            runs,
             list(self._history),
+            None if surrogate is None else lambda: SurrogateView.of(surrogate, limitState, runs),
+            failureSample,
         )

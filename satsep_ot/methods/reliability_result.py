@@ -2,13 +2,21 @@
 
 import dataclasses
 import math
+import os
 
 import numpy as np
 import openturns as ot
 from scipy import stats
 
+from satsep_ot.methods import failure_sample as fs
 from satsep_ot.methods.importance_proposal import Pool, paretoShape
-from satsep_ot.methods.limit_state_event import Runs
+from satsep_ot.methods.limit_state_event import LimitStateEvent, Runs
+from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
+from satsep_ot.methods.result_storage import readResult, writeResult
+
+# Points that carry the surrogate's share of the failure distribution.
+_SURROGATE_POINTS = 10_000
+_CONTOUR_POINTS = 61
 
 
 def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float, float]:
@@ -28,12 +36,50 @@ def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float
     return lower, upper
 
 
+@dataclasses.dataclass(frozen=True)
+class IntervalLaw:
+    """Where the interval of a probability comes from.
+
+    Attributes
+    ----------
+    probability, variance, freedom : float
+        Of a log-normal estimate with Student quantiles; from 0 where the estimate is not positive.
+    failures, runs : int
+        Of a binomial one, which is used where ``runs`` is not 0.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.reliability_result import IntervalLaw
+    >>> [f"{bound:.3e}" for bound in IntervalLaw(1e-3, 1e-10, 50.0).bounds(0.95)]
+    ['9.801e-04', '1.020e-03']
+    """
+
+    probability: float = 0.0
+    variance: float = 0.0
+    freedom: float = math.inf
+    failures: int = 0
+    runs: int = 0
+
+    def bounds(self, level: float) -> tuple[float, float]:
+        """Lower and upper bound at a level."""
+        if self.runs:
+            return clopperPearson(self.failures, self.runs, level)
+        quantile = float(stats.t.ppf(0.5 + 0.5 * level, self.freedom))
+        if self.probability <= 0.0:
+            return 0.0, min(max(self.probability, 0.0) + quantile * math.sqrt(self.variance), 1.0)
+        width = quantile * math.sqrt(math.log1p(self.variance / self.probability**2))
+        return self.probability * math.exp(-width), min(self.probability * math.exp(width), 1.0)
+
+
 @dataclasses.dataclass
 class Block:
     """True runs that a surrogate proposed before it had seen them.
 
     Attributes
     ----------
+    surrogate : LimitStateSurrogate
+    failure : array (N,)
+        The surrogate's probability of failure at the points of the pool.
     pool : Pool
         Population that the runs were drawn from.
     surrogateProbability, poolVariance : float
@@ -47,6 +93,8 @@ class Block:
     runs : Runs
     """
 
+    surrogate: LimitStateSurrogate
+    failure: np.ndarray
     pool: Pool
     surrogateProbability: float
     poolVariance: float
@@ -102,13 +150,121 @@ class Estimate:
         """Standard deviation over the estimate; infinite where the estimate is not positive."""
         return math.sqrt(self.variance) / self.probability if self.probability > 0.0 else math.inf
 
+    def law(self) -> IntervalLaw:
+        """Law of the interval."""
+        return IntervalLaw(self.probability, self.variance, self.freedom)
+
     def interval(self, level: float) -> tuple[float, float]:
         """Log-normal interval with Student quantiles; from 0 where the estimate is not positive."""
-        quantile = float(stats.t.ppf(0.5 + 0.5 * level, self.freedom))
-        if self.probability <= 0.0:
-            return 0.0, min(max(self.probability, 0.0) + quantile * math.sqrt(self.variance), 1.0)
-        width = quantile * math.sqrt(math.log1p(self.coefficientOfVariation() ** 2))
-        return self.probability * math.exp(-width), min(self.probability * math.exp(width), 1.0)
+        return self.law().bounds(level)
+
+
+def failureSampleOf(
+    blocks: list[Block], limitState: LimitStateEvent, generator: np.random.Generator
+) -> fs.FailureSample:
+    """The blocks' estimate as weighted points: the surrogate's failures, and the true runs' corrections of them."""
+    total = sum(block.size for block in blocks)
+    x, weights, expected, groups, failed, ratios = [], [], [], [], [], []
+    inflation, common = [], []
+
+    def add(points, weight, variance, inflated, shared, failures, ratio):
+        groups.append(np.full(len(points), len(inflation)))
+        x.append(points)
+        weights.append(weight)
+        expected.append(variance)
+        failed.append(failures)
+        ratios.append(ratio)
+        inflation.append(inflated)
+        common.append(shared)
+
+    for mine in {id(block.pool): [other for other in blocks if other.pool is block.pool] for block in blocks}.values():
+        first, share = mine[0], sum(block.size for block in mine) / total
+        size = max(int(_SURROGATE_POINTS * share), 500)
+        products = first.pool.weights * first.failure
+        chosen = generator.choice(len(products), size=size, p=products / products.sum())
+        u = first.surrogate.expand(first.pool.points[chosen], generator)
+        none = np.zeros(size)
+        add(
+            limitState.space.toPhysical(u),
+            np.full(size, share * first.surrogateProbability / size),
+            none,
+            # The pool is itself a sample.
+            1.0 + size * float((products**2).sum()) / float(products.sum()) ** 2,
+            first.poolVariance / first.surrogateProbability**2,
+            none.astype(bool),
+            none,
+        )
+    for block in blocks:
+        add(
+            block.runs.x,
+            block.corrections / total,
+            block.expected / total**2,
+            1.0,
+            0.0,
+            block.runs.failed,
+            block.weights,
+        )
+    return fs.FailureSample(
+        *(np.concatenate(part) for part in (x, weights, expected, groups)),
+        np.array(inflation),
+        np.array(common),
+        np.concatenate(failed),
+        np.concatenate(ratios),
+    )
+
+
+@dataclasses.dataclass
+class SurrogateView:
+    """What of a surrogate outlives the run: its directions, its native function, and the picture of its limit.
+
+    Attributes
+    ----------
+    directions : array (d, k)
+    dimensions : list of int
+        Active directions of each component.
+    active : array (n, k)
+        The variables of the surrogate at the true runs.
+    outputs : array (n, p)
+        The modelled outputs there.
+    metaModel : :py:class:`openturns.Function` or None
+    reason : str
+        Why there is no native function.
+    axes, contour : array (2, m), array (m * m,)
+        The surrogate's limit state in the plane of the first two variables, the first one fast; empty with one
+        variable.
+    """
+
+    directions: np.ndarray
+    dimensions: list[int]
+    active: np.ndarray
+    outputs: np.ndarray
+    metaModel: ot.Function | None
+    reason: str
+    axes: np.ndarray
+    contour: np.ndarray
+
+    @staticmethod
+    def of(surrogate: LimitStateSurrogate, limitState: LimitStateEvent, runs: Runs) -> "SurrogateView":
+        """The view of a surrogate."""
+        active = surrogate.reduce(runs.u)
+        metaModel, reason = None, ""
+        try:
+            metaModel = surrogate.nativeFunction(limitState.space)
+        except ValueError as error:
+            reason = str(error)
+        axes, contour = np.zeros((2, 0)), np.zeros(0)
+        if active.shape[1] > 1:
+            # The level 0 where the other active variables are at their median among the failed runs.
+            rows = runs.failed if runs.failed.any() else np.ones(len(active), dtype=bool)
+            bounds = [(active[:, j].min() - 0.5, active[:, j].max() + 0.5) for j in range(2)]
+            axes = np.array([np.linspace(*bound, _CONTOUR_POINTS) for bound in bounds])
+            first, second = np.meshgrid(*axes)
+            y = np.repeat(np.median(active[rows], axis=0)[None], first.size, axis=0)
+            y[:, 0], y[:, 1] = first.reshape(-1), second.reshape(-1)
+            contour = surrogate.margin(surrogate.predict(y))
+        dimensions = [fit.model.dimension for fit in surrogate.components]
+        outputs = limitState.smooth(runs.outputs)
+        return SurrogateView(surrogate.directions, dimensions, active, outputs, metaModel, reason, axes, contour)
 
 
 class ActiveSubspaceReliabilityResult:
@@ -127,11 +283,18 @@ class ActiveSubspaceReliabilityResult:
     True
     >>> result.getEvaluationNumber() == sum(result.getPhases().values())
     True
+
+    What a mean of 0.1 instead of 0 would do to the probability, without another run:
+
+    >>> shifted = ot.Normal([0.1, 0.0], [1.0, 1.0], ot.CorrelationMatrix(2))
+    >>> f"{result.computeProbability(shifted).probability / result.getProbabilityEstimate():.1f}"
+    '1.2'
     """
 
     def __init__(
         self,
         event,
+        distribution,
         probability,
         variance,
         interval,
@@ -141,12 +304,13 @@ class ActiveSubspaceReliabilityResult:
         converged,
         reason,
         method,
-        surrogate,
-        limitState,
         runs,
         history,
+        view,
+        failureSample,
     ):
         self._event = event
+        self._distribution = distribution
         self._probability = probability
         self._variance = variance
         self._interval = interval
@@ -156,10 +320,10 @@ class ActiveSubspaceReliabilityResult:
         self._converged = converged
         self._reason = reason
         self._method = method
-        self._surrogate = surrogate
-        self._limitState = limitState
         self._runs = runs
         self._history = history
+        self._view = view
+        self._failureSample = failureSample
 
     def __repr__(self):
         interval = self.getConfidenceInterval()
@@ -189,8 +353,7 @@ class ActiveSubspaceReliabilityResult:
         """Confidence interval of the probability, never empty: with no failure seen it is [0, about 3 / runs]."""
         if not 0.0 < level < 1.0:
             raise ValueError(f"the confidence level is {level}; it must lie between 0 and 1")
-        lower, upper = self._interval(level)
-        return ot.Interval(lower, upper)
+        return ot.Interval(*self._interval.bounds(level))
 
     def getReliabilityIndex(self) -> float:
         """Generalised reliability index ``-Phi^-1(p)``; infinite when the estimate is 0 or 1."""
@@ -224,13 +387,11 @@ class ActiveSubspaceReliabilityResult:
 
     def getActiveDimensions(self) -> list[int]:
         """Number of active directions of each smooth component; empty without a surrogate."""
-        return [] if self._surrogate is None else [fit.model.dimension for fit in self._surrogate.components]
+        return [] if self._view is None else list(self._getView().dimensions)
 
     def getDirections(self) -> ot.Matrix:
         """Orthonormal basis (d, k) of all active directions in standard space."""
-        if self._surrogate is None:
-            raise RuntimeError("there is no surrogate, so there are no active directions")
-        return ot.Matrix(self._surrogate.directions)
+        return ot.Matrix(self._getView().directions)
 
     def getDiagnostics(self) -> dict[str, float]:
         """Named numbers that tell how far the estimate can be trusted.
@@ -261,17 +422,142 @@ class ActiveSubspaceReliabilityResult:
 
     def getProbabilitySimulationResult(self) -> ot.ProbabilitySimulationResult:
         """The estimate as OpenTURNS' own result."""
+        if self._event is None:
+            raise RuntimeError("the event was not stored with the result; give it to load()")
         size = self.getEvaluationNumber()
         return ot.ProbabilitySimulationResult(self._event, self._probability, self._variance, size, 1)
 
     def getMetaModelResult(self) -> ot.MetaModelResult:
         """The surrogate of the smooth outputs as a native function of the physical inputs, with its runs."""
-        if self._surrogate is None:
-            raise RuntimeError("there is no surrogate")
+        view = self._getView()
+        if view.metaModel is None:
+            raise ValueError(view.reason)
         kept = self._runs.finite
-        metaModel = self._surrogate.nativeFunction(self._limitState.space)
-        outputs = self._limitState.smooth(self._runs.outputs[kept])
-        return ot.MetaModelResult(ot.Sample(self._runs.x[kept]), ot.Sample(outputs), metaModel)
+        return ot.MetaModelResult(ot.Sample(self._runs.x[kept]), ot.Sample(view.outputs[kept]), view.metaModel)
+
+    # What the same true runs say beside the probability. ------------------------------------------------------------
+
+    def computeParameterSensitivity(self, level: float = 0.95) -> list[fs.ParameterSensitivity]:
+        """Derivative of the probability with respect to every parameter of every input's distribution.
+
+        From the true runs already made, by the score function, the copula held fixed.
+
+        Parameters
+        ----------
+        level : float
+            Of the intervals.
+
+        Returns
+        -------
+        rows : list of :class:`~satsep_ot.methods.failure_sample.ParameterSensitivity`
+
+        Raises
+        ------
+        RuntimeError
+            No failure was seen, or the estimate is by subset simulation.
+        """
+        return fs.computeParameterSensitivity(self._getFailureSample(level), self._distribution, level)
+
+    def computeImportance(self, level: float = 0.95) -> list[fs.InputImportance]:
+        """Importance of each input for the event, from the true runs already made.
+
+        Returns
+        -------
+        rows : list of :class:`~satsep_ot.methods.failure_sample.InputImportance`
+
+        Raises
+        ------
+        RuntimeError
+            No failure was seen, or the estimate is by subset simulation.
+        """
+        return fs.computeImportance(self._getFailureSample(level), self._distribution, level)
+
+    def computeProbability(self, distribution: ot.Distribution, level: float = 0.95) -> fs.ReweightedProbability:
+        """The probability if the inputs had another distribution, from the true runs already made.
+
+        Parameters
+        ----------
+        distribution : :py:class:`openturns.Distribution`
+            Of the same inputs; it may not reach beyond finite bounds of the first one.
+        level : float
+            Of the interval.
+
+        Returns
+        -------
+        answer : :class:`~satsep_ot.methods.failure_sample.ReweightedProbability`
+            With a warning where the weights no longer carry it.
+
+        Raises
+        ------
+        ValueError
+            The distribution has another dimension or reaches where no run can have been.
+        RuntimeError
+            No failure was seen, or the estimate is by subset simulation.
+        """
+        return fs.computeProbability(self._getFailureSample(level), self._distribution, distribution, level)
+
+    def _getFailureSample(self, level):
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"the confidence level is {level}; it must lie between 0 and 1")
+        if self._failureSample is None:
+            raise RuntimeError(
+                "the estimate is by subset simulation, whose runs are dependent: they give no sensitivities"
+            )
+        if callable(self._failureSample):
+            self._failureSample = self._failureSample()
+        if not self._failureSample.failed.any():
+            raise RuntimeError("no run has failed, so nothing is known of the failures")
+        return self._failureSample
+
+    def _getView(self):
+        if self._view is None:
+            raise RuntimeError("there is no surrogate, so there are no active directions")
+        if callable(self._view):
+            self._view = self._view()
+        return self._view
+
+    # Files. ----------------------------------------------------------------------------------------------------------
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the result to one file: an .npz archive of its arrays, a JSON document and OpenTURNS' XML.
+
+        The file is written whole or not at all. The event is stored where its function is native to OpenTURNS;
+        otherwise it has to be given to `load`.
+
+        Parameters
+        ----------
+        path : str or path
+            Ends on ``.npz``.
+        """
+        fields = dict(vars(self))
+        fields["_view"] = None if self._view is None else self._getView()
+        if callable(self._failureSample):
+            fields["_failureSample"] = self._failureSample()
+        writeResult(path, {name.removeprefix("_"): value for name, value in fields.items()})
+
+    @staticmethod
+    def load(path: str | os.PathLike, event=None) -> "ActiveSubspaceReliabilityResult":
+        """The result that `save` has written.
+
+        Parameters
+        ----------
+        path : str or path
+        event : optional
+            Needed for `getProbabilitySimulationResult` only, where the event's function is in Python.
+
+        Raises
+        ------
+        ValueError
+            The file is not such a result.
+        """
+        fields = readResult(
+            path, {"runs": Runs, "interval": IntervalLaw, "view": SurrogateView, "failureSample": fs.FailureSample}
+        )
+        if fields["event"] is None:
+            fields["event"] = event
+        return ActiveSubspaceReliabilityResult(**fields)
+
+    # Graphs. ---------------------------------------------------------------------------------------------------------
 
     def drawConvergence(self) -> ot.Graph:
         """Estimate and 95 % interval against the number of true runs."""
@@ -293,39 +579,113 @@ class ActiveSubspaceReliabilityResult:
 
     def drawLimitState(self) -> ot.Graph:
         """Limit state of the surrogate in the first two active directions, with the true runs on it."""
-        if self._surrogate is None:
-            raise RuntimeError("there is no surrogate, so there is no active plane")
-        surrogate = self._surrogate
-        active = surrogate.reduce(self._runs.u)
+        view = self._getView()
+        active = view.active
         if active.shape[1] < 2:
             active = np.column_stack([active, self._runs.margins])[:, :2]
             graph = ot.Graph("Limit state along the active direction", "active variable", "limit state", True, "")
+            edges = [float(active[:, 0].min()), float(active[:, 0].max())]
+            limit = ot.Curve(edges, [0.0, 0.0])
         else:
             graph = ot.Graph("Limit state in the active plane", "active variable 1", "active variable 2", True, "")
-            graph.add(self._limitContour(active))
+            size = view.axes.shape[1]
+            limit = ot.Contour(size, size, ot.Sample(view.contour[:, None]))
+            limit.setX(ot.Sample(view.axes[0][:, None]))
+            limit.setY(ot.Sample(view.axes[1][:, None]))
+            limit.setLevels([0.0])
+            limit.setDrawLabels(False)
+        limit.setColor("black")
+        limit.setLegend("limit")
         for failed, color, legend in ((False, "blue", "safe runs"), (True, "red", "failed runs")):
             rows = (self._runs.failed == failed) & self._runs.finite
             if rows.any():
                 graph.add(ot.Cloud(ot.Sample(active[rows][:, :2]), color, "fcircle" if failed else "circle", legend))
+        graph.add(limit)
         graph.setLegendPosition("upper right")
+        _addRoom(graph, above=0.3)
         return graph
 
-    def _limitContour(self, active):
-        """The level 0 where the other active variables are at their median among the failed runs."""
-        rows = self._runs.failed if self._runs.failed.any() else np.ones(len(active), dtype=bool)
-        centre = np.median(active[rows], axis=0)
-        size = 61
-        bounds = [(active[:, j].min() - 0.5, active[:, j].max() + 0.5) for j in range(2)]
-        first, second = np.meshgrid(*(np.linspace(*bound, size) for bound in bounds))
-        y = np.repeat(centre[None], size**2, axis=0)
-        y[:, 0], y[:, 1] = first.reshape(-1), second.reshape(-1)
-        values = self._surrogate.margin(self._surrogate.predict(y))
-        contour = ot.Contour(size, size, ot.Sample(values[:, None]))
-        contour.setX(ot.Sample(np.linspace(*bounds[0], size)[:, None]))
-        contour.setY(ot.Sample(np.linspace(*bounds[1], size)[:, None]))
-        contour.setLevels([0.0])
-        contour.setLegend("surrogate's limit")
-        return contour
+    def drawWeights(self) -> ot.Graph:
+        """Share of the estimate that the failed runs of largest weight carry: the nearer to the diagonal, the better.
+
+        Raises
+        ------
+        RuntimeError
+            No failure was seen, or the estimate is by subset simulation.
+        """
+        sample = self._getFailureSample(0.5)
+        weights = np.sort(sample.ratios[sample.failed])[::-1]
+        share = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
+        runs = np.arange(len(share), dtype=float)
+        graph = ot.Graph(
+            "Weights of the failed runs", "failed runs, largest weight first", "share", True, "lower right"
+        )
+        for values, legend, style in (
+            (share, "of the sum of the weights", "solid"),
+            (runs / runs[-1], "all equal", "dashed"),
+        ):
+            curve = ot.Curve(runs, values)
+            curve.setLegend(legend)
+            curve.setLineStyle(style)
+            curve.setColor("black")
+            graph.add(curve)
+        return graph
+
+    def drawImportance(self, level: float = 0.95, number: int = 10) -> ot.Graph:
+        """Mean and spread in failure of the most important inputs, in standard deviations, with intervals.
+
+        Parameters
+        ----------
+        level : float
+            Of the intervals.
+        number : int
+            Inputs shown.
+
+        Raises
+        ------
+        RuntimeError
+            No failure was seen, or the estimate is by subset simulation.
+        """
+        rows = sorted(self.computeImportance(level), key=lambda row: -row.share)[:number][::-1]
+        graph = ot.Graph("Inputs in failure", "standard deviations of the input", "", True, "lower right")
+        heights = np.arange(1.0, len(rows) + 1.0)
+        for color, style, offset, name, values in (
+            (
+                "blue",
+                "fcircle",
+                0.12,
+                "mean (0: does not matter)",
+                [(r.shift, r.shiftLower, r.shiftUpper) for r in rows],
+            ),
+            (
+                "red",
+                "square",
+                -0.12,
+                "spread (1: does not matter)",
+                [(r.spread, r.spreadLower, r.spreadUpper) for r in rows],
+            ),
+        ):
+            points = [[value, height + offset] for (value, _, _), height in zip(values, heights, strict=True)]
+            for (_, lower, upper), height in zip(values, heights, strict=True):
+                bar = ot.Curve([lower, upper], [height + offset, height + offset])
+                bar.setColor(color)
+                graph.add(bar)
+            graph.add(ot.Cloud(ot.Sample(points), color, style, name))
+        for row, height in zip(rows, heights, strict=True):
+            text = ot.Text([[0.5, height + 0.35]], [f"{row.input}: {100.0 * row.share:.0f} %"])
+            text.setColor("black")
+            text.setTextSize(1.1)
+            graph.add(text)
+        _addRoom(graph, below=0.25)
+        return graph
+
+
+def _addRoom(graph, below=0.0, above=0.0):
+    """Extend the vertical axis by shares of its length, for the legend."""
+    box = graph.getBoundingBox()
+    lower, upper = box.getLowerBound(), box.getUpperBound()
+    height = upper[1] - lower[1]
+    graph.setBoundingBox(ot.Interval([lower[0], lower[1] - below * height], [upper[0], upper[1] + above * height]))
 
 
 def diagnose(blocks: list[Block], calibration: float, nominalRuns: int, notFinite: int) -> dict[str, float]:

@@ -287,7 +287,7 @@ _TABLE_KEYS = {
         "count", "angles", "radius", "stiffness", "deformation", "stroke", "cant", "delay", "force_line",
         "stowed_length",
     ),
-    "initial": ("attitude", "rates", "mounting_error", "pivot"),
+    "initial": ("attitude", "rates", "velocity", "mounting_error", "pivot"),
     "orbit": (
         "altitude", "perigee_altitude", "apogee_altitude", "semi_major_axis", "eccentricity", "inclination",
         "right_ascension", "argument_of_perigee", "true_anomaly", "position", "velocity", "push",
@@ -415,6 +415,9 @@ def _separation(root, tables):
     initial = tables["initial"] or _Table(root.file, "initial", {}, _TABLE_KEYS["initial"])
     orbit, attitude = _orbit(tables["orbit"], initial)
     gradient_torque = False if orbit is None else tables["orbit"].flag("gradient_torque", False)
+    velocity = initial.vector("velocity", "m/s", [0.0, 0.0, 0.0])
+    if orbit is not None:
+        orbit = replace(orbit, velocity=orbit.velocity + velocity)
     envelope, recess_radius, recess_depth = _envelope(tables["envelope"])
     pivots = {"stack": Pivot.STACK, "platform": Pivot.PLATFORM}
     zero = [0.0, 0.0, 0.0]

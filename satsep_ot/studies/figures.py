@@ -5,7 +5,8 @@ A panel draws into the axes given, or into those of a new figure, and returns th
 * ``draw_eigenvalues(result, ax=None, label="", unit="", level=0.95, largest=10)``
 * ``draw_sufficient_summary(active, values, regression, ax=None, label="", unit="", level=0.95)``
 * ``draw_density(sample, ax=None, density=None, label="", unit="", limit=None, is_maximum=True, probability=None)``
-* ``draw_probabilities(rows, ax=None, title="")``
+* ``draw_probabilities(rows, ax=None, title="")``, ``draw_answer(row, allowed=None, ax=None)``
+* ``draw_shares(shares, ax=None, title="", largest=8)``
 * ``draw_separation_velocity(motion, ax=None)``, ``draw_rates(motion, ax=None)``, ``draw_strokes(motion, ax=None)``
 
 A figure puts panels of one kind together and is returned; ``save_figure(figure, path)`` writes it:
@@ -24,6 +25,7 @@ are at least 11 points high, so that a figure can be read in grey and from the b
 import math
 from typing import NamedTuple
 
+import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
@@ -86,7 +88,10 @@ def save_figure(figure, path):
     figure : :class:`matplotlib.figure.Figure`
     path : str or path
     """
-    figure.savefig(path, dpi=DOTS_PER_INCH)
+    # Names inside an SVG follow from its content, and nothing in it from the day: the same study, the same file.
+    with matplotlib.rc_context({"svg.hashsalt": "satsep-ot"}):
+        metadata = {"Date": None} if str(path).endswith(".svg") else None
+        figure.savefig(path, dpi=DOTS_PER_INCH, metadata=metadata)
 
 
 # Active subspaces. --------------------------------------------------------------------------------------------------
@@ -460,15 +465,12 @@ def draw_probabilities(rows, ax=None, title=""):
     """
     if not rows:
         raise ValueError("there are no rows to draw the probabilities of")
-    ax = _axes(ax, (6.6, 3.9))
+    ax = _axes(ax, (6.6, 1.4 + 0.5 * len(rows)))
     _dress(ax, "probability of violation", "", title)
     ax.set_xscale("log")
     low, high = _probability_range(rows)
     ax.set_xlim(low, high)
-    # Within a decade or two there may be no power of ten to label.
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0)))
-    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _short(value, 1)))
-    ax.xaxis.set_minor_formatter(NullFormatter())
+    _probability_ticks(ax, low, high)
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(range(len(rows)), [row["method"] for row in rows])
     ax.tick_params(axis="y", length=0)
@@ -496,6 +498,103 @@ def draw_probabilities(rows, ax=None, title=""):
             ax.text(0.03, place, f"< {_short(low)}", transform=ax.get_yaxis_transform(), va="center",
                     fontsize=FONT_SIZE)  # fmt: skip
     return ax
+
+
+def draw_answer(row, allowed=None, ax=None):
+    """One probability with its 95 % interval, beside the allowed one.
+
+    Parameters
+    ----------
+    row : dict
+        As for `draw_probabilities`, with a probability and an interval.
+    allowed : float, optional
+        The allowed probability.
+    ax : :class:`matplotlib.axes.Axes`, optional
+
+    Returns
+    -------
+    ax : :class:`matplotlib.axes.Axes`
+        Everything above the allowed probability is hatched.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.figures import draw_answer
+    >>> row = {"method": "MonteCarlo", "probability": 2e-4, "lower95": 1e-4, "upper95": 4e-4}
+    >>> draw_answer(row, 1e-3).get_xlabel()
+    'probability of violation'
+    """
+    ax = _axes(ax, (5.2, 1.7))
+    _dress(ax, "probability of violation", "")
+    low, high = _probability_range([row, {"probability": allowed}])
+    ax.set_xscale("log")
+    ax.set_xlim(low, high)
+    ax.set_ylim(-1.0, 1.4)
+    _probability_ticks(ax, low, high)
+    ax.set_yticks([])
+    start = max(row["lower95"], low)
+    ax.plot([start, row["upper95"]], [0.0, 0.0], "-", color=BLACK, linewidth=3.0, label="95 % interval")
+    ax.plot([start, row["upper95"]], [0.0, 0.0], "|", color=BLACK, markersize=14, markeredgewidth=2.0)
+    if row["probability"] >= low:
+        ax.plot([row["probability"]], [0.0], "o", color=BLACK, markersize=9, label="estimate")
+    if allowed is not None:
+        ax.axvspan(allowed, high, facecolor="none", edgecolor=ORANGE, alpha=0.5, hatch="//", linewidth=0)
+        ax.axvline(allowed, color=ORANGE, linestyle="--", linewidth=2.0, label=f"allowed {allowed:g}")
+    ax.legend(fontsize=FONT_SIZE, loc="upper center", ncols=3, columnspacing=1.0, handlelength=1.6, framealpha=1.0)
+    return ax
+
+
+def draw_shares(shares, ax=None, title="", largest=8):
+    """Shares as horizontal bars, the largest at the top, what is left over in one bar.
+
+    Parameters
+    ----------
+    shares : dict of str to float
+        By name, the largest first; they sum to 1.
+    ax : :class:`matplotlib.axes.Axes`, optional
+    title : str
+    largest : int
+        How many have bars of their own.
+
+    Returns
+    -------
+    ax : :class:`matplotlib.axes.Axes`
+
+    Raises
+    ------
+    ValueError
+        If there are none.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.figures import draw_shares
+    >>> [label.get_text() for label in draw_shares({"mass": 0.75, "stroke": 0.25}).get_yticklabels()]
+    ['mass', 'stroke']
+    """
+    if not shares:
+        raise ValueError("there are no shares to draw")
+    # A bar that cannot be seen tells nothing.
+    bars = {name: share for name, share in list(shares.items())[:largest] if share >= 5e-4}
+    rest = list(shares.values())[len(bars) :]
+    if rest:
+        bars[f"{len(rest)} others"] = sum(rest)
+    ax = _axes(ax, (PANEL_SIZE[0], 1.2 + 0.3 * len(bars)))
+    _dress(ax, "share [%]", "", title)
+    places = range(len(bars))
+    ax.barh(places, [100.0 * share for share in bars.values()], color=GREY, edgecolor=BLACK, linewidth=1.0)
+    for place, share in zip(places, bars.values(), strict=True):
+        ax.text(100.0 * share, place, f" {100.0 * share:.1f}", va="center", fontsize=FONT_SIZE)
+    ax.set_xlim(0.0, 115.0 * max(bars.values()))
+    ax.set_yticks(places, [name.replace("_", " ") for name in bars])
+    ax.set_ylim(len(bars) - 0.4, -0.6)
+    ax.tick_params(axis="y", length=0)
+    return ax
+
+
+def _probability_ticks(ax, low, high):
+    # Within a decade or two there may be no power of ten to label.
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: _short(value, 1)))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def _probability_range(rows):
@@ -551,6 +650,8 @@ class Motion(NamedTuple):
     strokes: np.ndarray  # of each spring while it pushes, NaN before and after [m] (T, N)
     release_times: np.ndarray  # [s] (N,)
     release_strokes: np.ndarray  # [m] (N,)
+    centres: np.ndarray  # satellite's ring centre from the platform's, in platform axes [m] (T, 3)
+    attitudes: np.ndarray  # rotation matrices from satellite to platform axes (T, 3, 3)
 
 
 def compute_motion(separation, parameters=None, end=None, size=400):
@@ -618,6 +719,8 @@ def compute_motion(separation, parameters=None, end=None, size=400):
         strokes=strokes,
         release_times=releases,
         release_strokes=np.array([np.nanmax(column) for column in strokes.T]),
+        centres=centre,
+        attitudes=turns,
     )
 
 

@@ -1,0 +1,578 @@
+"""The coast after the release: both bodies on their own orbits, and how close they come again.
+
+Until the last release the common CG, O, flies the orbit; from then on each body flies freely in the Earth's field g
+(central, with J2 where asked), starting from d and w = d' (inertial axes) between the CGs:
+
+    u_1 = -(m_2 / M) d,   u_2 = (m_1 / M) d,   M = m_1 + m_2,   the same for the velocities
+    r_1'' = g(r_1),   rho'' = g(r_1 + rho) - g(r_1),   rho = r_2 - r_1
+
+The difference is written without cancellation (Battin 1999, section 8.4; `oblateness_difference`), so a distance of a
+metre keeps its digits at seven thousand kilometres from the centre of the Earth. The steps, of the eighth-order method
+of Dormand and Prince (Hairer, Norsett, Wanner 1993, section II.5), are equal in the eccentric anomaly of O: a motion
+whose course is known needs no error control.
+
+The gradient comes from the adjoint of the coast. The gradient G of g is symmetric, so with any solution xi of
+xi'' = G(r(t)) xi the number xi . v - xi' . x is constant over every variation x, v = x' of an orbit r(t). With xi = 0
+and xi' = n, the unit vector of rho, at the minimum, and flown back to the release from there,
+
+    n . x(minimum) = xi'(release) . x(release) - xi(release) . v(release)
+
+once for each body. The time of a minimum inside the window does not enter (envelope theorem), and the ends of the
+window do not move with a run.
+
+Validated for eccentricities to 0.7 at relative speeds to 100 m/s, and to 0.9 at 1 m/s; there is no drag, and the Earth
+has no surface.
+
+J2: Vallado, *Fundamentals of Astrodynamics and Applications* (2013), section 8.7. Kepler's equation from any point of
+the orbit: Battin (1999), section 4.3.
+"""
+
+import math
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numba import get_num_threads, njit
+from scipy.integrate import DOP853
+
+from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
+from satsep_ot.dynamics.gravity import EARTH_RADIUS, differential_gravity
+from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
+from satsep_ot.dynamics.rotations import rotation_matrix, rotation_matrix_elements
+from satsep_ot.dynamics.system import STATE_SIZE
+
+MAXIMUM_ORBITS = 100.0
+MAXIMUM_ECCENTRICITY = 0.9
+GRADIENT_SIZE = STATE_SIZE + 3
+STEPS_PER_ORBIT = 40  # a circular one
+RUNS_PER_THREAD = 100  # before another thread is worth its start
+PARTS = 4  # of a step, each of which is looked at for a minimum
+
+# Coefficients A of the stages, and below them the weights B of the result.
+_TABLE = np.vstack([DOP853.A[: DOP853.n_stages, : DOP853.n_stages], DOP853.B])
+
+# State of a coast: r_1, rho, then their velocities; where the adjoints are flown, xi_1 and xi_2 stand behind rho and
+# their slopes behind the velocities.
+COAST_SIZE, ADJOINT_SIZE = 12, 24
+
+
+@dataclass(frozen=True)
+class Recontact:
+    """The window of the coast in which the smallest distance of the two CGs is looked for.
+
+    Parameters
+    ----------
+    start_orbits, end_orbits : float
+        Its ends, in periods of the orbit after the last release; 0 <= start < end <= 100. The start leaves out the
+        separation itself.
+
+    Raises
+    ------
+    ValueError
+        If the ends are not allowed.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.relative_orbit import Recontact
+    >>> Recontact(end_orbits=3.0)
+    Recontact(start_orbits=0.1, end_orbits=3.0)
+    """
+
+    start_orbits: float = 0.1
+    end_orbits: float = 1.0
+
+    def __post_init__(self):
+        if not 0.0 <= self.start_orbits < self.end_orbits <= MAXIMUM_ORBITS:
+            raise ValueError(
+                f"recontact: the window from {self.start_orbits} to {self.end_orbits} orbits; 0 <= start_orbits < "
+                f"end_orbits <= {MAXIMUM_ORBITS:g} is allowed"
+            )
+
+
+@njit(**KERNEL)
+def oblateness(ob, x, y, z):
+    """The acceleration of J2 at a point [m/s2], with ob = 3/2 J2 mu R^2.
+
+    -ob / r^5 ((1 - 5 z^2 / r^2) r + 2 z e_z), which is Vallado's with the factors in another order.
+    """
+    square = x * x + y * y + z * z
+    factor = -ob / (square * square * math.sqrt(square))
+    b = 1.0 - 5.0 * z * z / square
+    return factor * b * x, factor * b * y, factor * (b + 2.0) * z
+
+
+@njit(**KERNEL)
+def oblateness_difference(ob, x, y, z, dx, dy, dz):
+    """The acceleration of J2 at r + d less that at r [m/s2].
+
+    With A = -ob / r^5 and B = (1 - 5 z^2 / r^2) r + 2 z e_z the difference is (dA) B + (A + dA) (dB), and
+
+        dA = A ((1 + q)^(-5/2) - 1),   (1 + q)^5 - 1 = q (5 + 10 q + 10 q^2 + 5 q^3 + q^4),   q = d . (d + 2 r) / r^2
+    """
+    square = x * x + y * y + z * z
+    a = -ob / (square * square * math.sqrt(square))
+    q = (dx * (dx + 2.0 * x) + dy * (dy + 2.0 * y) + dz * (dz + 2.0 * z)) / square
+    power = (1.0 + q) * (1.0 + q) * math.sqrt(1.0 + q)
+    da = -a * q * (5.0 + q * (10.0 + q * (10.0 + q * (5.0 + q)))) / (power * (1.0 + power))
+    ratio = z * z / square
+    b = 1.0 - 5.0 * ratio
+    db = -5.0 * (dz * (dz + 2.0 * z) / square - q * ratio) / (1.0 + q)
+    a += da
+    return (
+        da * b * x + a * (b * dx + db * (x + dx)),
+        da * b * y + a * (b * dy + db * (y + dy)),
+        da * (b + 2.0) * z + a * ((b + 2.0) * dz + db * (z + dz)),
+    )
+
+
+@njit(**KERNEL)
+def gravity_gradient(mu, ob, x, y, z, u, v, w):
+    """The derivative of gravity at the point (x, y, z) in the direction (u, v, w): G (u, v, w)."""
+    square = x * x + y * y + z * z
+    cube = square * math.sqrt(square)
+    along = (x * u + y * v + z * w) / square
+    rate = mu / cube
+    ax, ay, az = rate * (3.0 * along * x - u), rate * (3.0 * along * y - v), rate * (3.0 * along * z - w)
+    if ob != 0.0:
+        factor = -ob / (cube * square)
+        b = 1.0 - 5.0 * z * z / square
+        db = -10.0 * z * (w - along * z) / square
+        # (dA) B + A (dB), with dA = -5 A r . d / r^2.
+        ax += factor * ((db - 5.0 * along * b) * x + b * u)
+        ay += factor * ((db - 5.0 * along * b) * y + b * v)
+        az += factor * ((db - 5.0 * along * (b + 2.0)) * z + (b + 2.0) * w)
+    return ax, ay, az
+
+
+@njit(**KERNEL)
+def slope(y, size, mu, ob, k, row):
+    """Write the slope of the state y[:size] of a coast into k[row, :size]."""
+    half = size // 2
+    for n in range(half):
+        k[row, n] = y[half + n]
+    x, yy, z, dx, dy, dz = y[0], y[1], y[2], y[3], y[4], y[5]
+    square = x * x + yy * yy + z * z
+    rate = mu / (square * math.sqrt(square))
+    ax, ay, az = -rate * x, -rate * yy, -rate * z
+    bx, by, bz = differential_gravity(rate, x, yy, z, dx, dy, dz)
+    if ob != 0.0:
+        ux, uy, uz = oblateness(ob, x, yy, z)
+        ax, ay, az = ax + ux, ay + uy, az + uz
+        ux, uy, uz = oblateness_difference(ob, x, yy, z, dx, dy, dz)
+        bx, by, bz = bx + ux, by + uy, bz + uz
+    k[row, half], k[row, half + 1], k[row, half + 2] = ax, ay, az
+    k[row, half + 3], k[row, half + 4], k[row, half + 5] = bx, by, bz
+    for n in range(6, half, 3):
+        # The adjoint of the platform, then that of the satellite.
+        body = n // 3 - 2
+        ax, ay, az = gravity_gradient(mu, ob, x + body * dx, yy + body * dy, z + body * dz, y[n], y[n + 1], y[n + 2])
+        k[row, half + n], k[row, half + n + 1], k[row, half + n + 2] = ax, ay, az
+
+
+@njit(**KERNEL)
+def advance(y, size, h, mu, ob, table, k, stage):
+    """Take y[:size] one step of h [s] further; leaves the slope where it started in k[0]."""
+    for i in range(table.shape[0]):
+        for n in range(size):
+            stage[n] = 0.0
+        for j in range(i):
+            a = table[i, j]
+            if a != 0.0:
+                for n in range(size):
+                    stage[n] += a * k[j, n]
+        for n in range(size):
+            stage[n] = y[n] + h * stage[n]
+        if i < k.shape[0]:
+            slope(stage, size, mu, ob, k, i)
+    for n in range(size):
+        y[n] = stage[n]
+
+
+@njit(**KERNEL)
+def growth(nodes, accelerations, i, h, z):
+    """rho . d rho / dz and |rho|^2 at the share z of the step of h [s] behind node i.
+
+    On the polynomial of degree five that has position, velocity and acceleration of both nodes.
+    """
+    product = square = 0.0
+    for n in range(3):
+        start, velocity, acceleration = nodes[i, 3 + n], h * nodes[i, 9 + n], h * h * accelerations[i, n]
+        a = nodes[i + 1, 3 + n] - start - velocity - 0.5 * acceleration
+        b = h * nodes[i + 1, 9 + n] - velocity - acceleration
+        c = h * h * accelerations[i + 1, n] - acceleration
+        c3, c4, c5 = 10.0 * a - 4.0 * b + 0.5 * c, -15.0 * a + 7.0 * b - c, 6.0 * a - 3.0 * b + 0.5 * c
+        value = start + z * (velocity + z * (0.5 * acceleration + z * (c3 + z * (c4 + z * c5))))
+        product += value * (velocity + z * (acceleration + z * (3.0 * c3 + z * (4.0 * c4 + z * 5.0 * c5))))
+        square += value * value
+    return product, square
+
+
+@njit(**KERNEL)
+def nearest(nodes, accelerations, times, first, last):
+    """Where the distance is smallest between the nodes first and last: a node, and the time from it [s]."""
+    node, offset, smallest, square = first, 0.0, np.inf, np.inf
+    for i in range(first, last):
+        h = times[i + 1] - times[i]
+        before, square = growth(nodes, accelerations, i, h, 0.0)
+        if square < smallest:
+            smallest, node, offset = square, i, 0.0
+        for part in range(PARTS):
+            low, high = part / PARTS, (part + 1.0) / PARTS
+            after, square = growth(nodes, accelerations, i, h, high)
+            if before < 0.0 <= after:
+                middle = least = 0.0
+                for _ in range(25):
+                    middle = 0.5 * (low + high)
+                    product, least = growth(nodes, accelerations, i, h, middle)
+                    if product < 0.0:
+                        low = middle
+                    else:
+                        high = middle
+                if least < smallest:
+                    smallest, node, offset = least, i, middle * h
+            before = after
+    if square < smallest:
+        return last, 0.0
+    return node, offset
+
+
+def _entry_point(source_digest):
+    """The compiled batch, kept on disk under a key that contains the digest of the sources."""
+
+    @njit(cache=True, nogil=True, **OPTIONS)
+    def approach_all(states, grids, mean_motion, mu, ob, table, room, with_adjoint, distance, time):
+        """Fly every run from its release, a row of `states` (n, 24), to where the distance is smallest in its window.
+
+        Leaves the state there in states[:, :12], or the adjoints at the release in states[:, 6:12] and
+        states[:, 18:24]. A row of `grids`: eccentric anomaly from the release to the start and to the end of the
+        window, the steps for each (whole numbers), p and s of `anomaly_after`. `room`: states, rho'' and times of the
+        nodes, slopes and state of the stages.
+        """
+        digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
+        nodes, accelerations, times, k, stage = room
+        size = nodes.shape[1]
+        for run in range(states.shape[0]):
+            y, start, end, p, s = states[run], grids[run, 0], grids[run, 1], grids[run, 4], grids[run, 5]
+            first, count = int(grids[run, 2]), int(grids[run, 3])
+            last = first + count
+            for i in range(last + 1):
+                x = start * i / first if i < first else start
+                if i > first:
+                    x += (end - start) * (i - first) / count
+                times[i] = (x - p * math.sin(x) + s * (1.0 - math.cos(x))) / mean_motion
+            for i in range(last + 1):
+                for n in range(size):
+                    nodes[i, n] = y[n]
+                advance(y, size, times[i + 1] - times[i] if i < last else 0.0, mu, ob, table, k, stage)
+                for n in range(3):
+                    accelerations[i, n] = k[0, 9 + n]
+            node, h = nearest(nodes, accelerations, times, first, last)
+            here = times[node]
+            for n in range(size):
+                y[n] = nodes[node, n]
+            # The polynomial knows it to some 1e-9 of a step; Newton's method on the flown motion does the rest.
+            for _ in range(6):
+                if abs(h) < 1e-10:
+                    break
+                advance(y, size, h, mu, ob, table, k, stage)
+                here += h
+                product = bend = 0.0
+                for n in range(3, 6):
+                    product += y[n] * y[6 + n]
+                    bend += y[6 + n] * y[6 + n] + y[n] * k[0, 6 + n]
+                h = -product / bend if bend > 0.0 else 0.0
+            distance[run], time[run] = math.sqrt(y[3] ** 2 + y[4] ** 2 + y[5] ** 2), here
+            if with_adjoint:
+                for n in range(6):
+                    # A distance of 0 has no gradient: 0 is one of its subgradients.
+                    y[18 + n] = y[3 + n % 3] / distance[run] if distance[run] > 0.0 else 0.0
+                    y[12 + n], y[6 + n] = y[6 + n], 0.0
+                for i in range(node, -1, -1):
+                    advance(y, y.shape[0], times[i] - here, mu, ob, table, k, stage)
+                    here = times[i]
+
+    return approach_all
+
+
+approach_all = _entry_point(SOURCE_DIGEST)
+
+
+def anomaly_after(angle, p, s):
+    """The changes x of the eccentric anomaly (n,) for changes `angle` of the mean anomaly (n,) [rad].
+
+    Kepler's equation from any point of the orbit: angle = x - p sin x + s (1 - cos x), with p = e cos E and s = e sin E
+    there. The right-hand side grows with x and differs from it by less than 2, which brackets Newton's method.
+    """
+    low, high = angle - 2.0, angle + 2.0
+    x, open_ = angle, np.ones(angle.shape, bool)
+    for _ in range(60):
+        sine, cosine = np.sin(x), np.cos(x)
+        value = x - p * sine + s * (1.0 - cosine) - angle
+        low, high = np.where(value > 0.0, low, x), np.where(value > 0.0, x, high)
+        new = x - value / (1.0 - p * cosine + s * sine)
+        new = np.where((new >= low) & (new <= high), new, 0.5 * (low + high))
+        # One that has converged stays as it is, so that it does not depend on the others.
+        still = open_ & (np.abs(new - x) > 1e-15 * (1.0 + np.abs(new)))
+        x, open_ = np.where(open_, new, x), still
+        if not open_.any():
+            break
+    return x
+
+
+def check_orbit(orbit):
+    """Refuse an orbit that no coast can be computed on, with a ValueError."""
+    if not math.isfinite(orbit.period):
+        raise ValueError("the orbit is not closed, so it has no period; a velocity below that of escape is allowed")
+    radius = np.linalg.norm(orbit.position)
+    momentum, energy = (
+        np.cross(orbit.position, orbit.velocity),
+        0.5 * orbit.velocity @ orbit.velocity - orbit.mu / radius,
+    )
+    eccentricity = math.sqrt(max(0.0, 1.0 + 2.0 * energy * (momentum @ momentum) / orbit.mu**2))
+    if not eccentricity <= MAXIMUM_ECCENTRICITY:
+        raise ValueError(f"the orbit has the eccentricity {eccentricity:.4g}; up to {MAXIMUM_ECCENTRICITY} is allowed")
+
+
+class KeplerOrbit(NamedTuple):
+    """O on its orbit at n times."""
+
+    position: np.ndarray  # [m] (3, n)
+    velocity: np.ndarray  # [m/s] (3, n)
+    p: np.ndarray  # e cos E (n,)
+    s: np.ndarray  # e sin E (n,)
+    mean_motion: float  # [rad/s]
+    eccentricity: float
+
+
+def kepler_orbit(orbit, times):
+    """O at the times (n,) on its closed orbit, by Lagrange's coefficients in the eccentric anomaly."""
+    check_orbit(orbit)
+    mean_motion = 2.0 * math.pi / orbit.period
+    axis = (orbit.mu / mean_motion**2) ** (1.0 / 3.0)
+    radius, root = math.sqrt(orbit.position @ orbit.position), math.sqrt(orbit.mu * axis)
+    p, s = 1.0 - radius / axis, orbit.position @ orbit.velocity / root
+    x = anomaly_after(mean_motion * times, p, s)
+    sine, cosine = np.sin(x), np.cos(x)
+    new_radius = axis * (1.0 - p * cosine + s * sine)
+    f, g = 1.0 - axis / radius * (1.0 - cosine), times - (x - sine) / mean_motion
+    f_rate, g_rate = -root / (new_radius * radius) * sine, 1.0 - axis / new_radius * (1.0 - cosine)
+    position, velocity = orbit.position[:, None], orbit.velocity[:, None]
+    return KeplerOrbit(
+        f * position + g * velocity, f_rate * position + g_rate * velocity, p * cosine - s * sine,
+        p * sine + s * cosine, mean_motion, math.hypot(p, s),
+    )  # fmt: skip
+
+
+def _fly(states, release_times, masses, orbit, start, end, with_adjoint):
+    """Distance and time (n,), what the kernel leaves (n, 24), O at the release and the platforms' matrices (3, 3, n).
+
+    The window is from `start` to `end`, mean anomalies since the release (n,).
+    """
+    o = kepler_orbit(orbit, release_times)
+    turn = np.array(rotation_matrix_elements.py_func(*states[:, 16:20].T)).reshape(3, 3, -1)
+    share = masses[:, 1] / (masses[:, 0] + masses[:, 1])
+    y = np.zeros((len(states), ADJOINT_SIZE))
+    for i in range(3):
+        d, w = (
+            turn[i, 0] * states[:, j] + turn[i, 1] * states[:, j + 1] + turn[i, 2] * states[:, j + 2] for j in (0, 3)
+        )
+        y[:, i], y[:, 3 + i] = o.position[i] - share * d, d
+        y[:, 6 + i], y[:, 9 + i] = o.velocity[i] - share * w, w
+    # At the perigee the motion is faster than the eccentric anomaly by 1 / sqrt(1 - e); and the error of a method of
+    # order 8 grows with the square of the orbits.
+    density = STEPS_PER_ORBIT / (2.0 * math.pi * math.sqrt(1.0 - o.eccentricity))
+    density *= max(1.0, end.max(initial=0.0) / (2.0 * math.pi)) ** 0.25
+    start, end = anomaly_after(start, o.p, o.s), anomaly_after(end, o.p, o.s)
+    grids = np.stack([start, end, np.ceil(density * start), np.ceil(density * (end - start)), o.p, o.s], axis=1)
+    node_number = 1 + int((grids[:, 2] + grids[:, 3]).max(initial=0.0))
+    ob = 1.5 * EARTH_J2 * orbit.mu * EARTH_RADIUS**2 if orbit.j2 else 0.0
+    distance, time = np.empty(len(y)), np.empty(len(y))
+
+    def fly_part(part):
+        room = tuple(
+            np.empty(shape)
+            for shape in (
+                (node_number, COAST_SIZE), (node_number, 3), node_number, (_TABLE.shape[1], ADJOINT_SIZE), ADJOINT_SIZE,
+            )
+        )  # fmt: skip
+        approach_all(
+            y[part], grids[part], o.mean_motion, orbit.mu, ob, _TABLE, room, with_adjoint, distance[part], time[part]
+        )
+
+    threads = min(get_num_threads(), 1 + len(y) // RUNS_PER_THREAD)
+    ends = np.linspace(0, len(y), threads + 1).astype(int)
+    parts = [slice(*pair) for pair in pairwise(ends)]
+    if threads == 1:
+        fly_part(parts[0])
+    else:
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(fly_part, parts))
+    return distance, time, y, o, turn
+
+
+def _release_gradient(states, masses, orbit, y, o, turn):
+    """The gradients (n, 23) from the adjoints that the kernel leaves."""
+    m1, m2 = masses.T
+    total, share = m1 + m2, np.zeros(len(y))
+    gradient, matrix = np.zeros((len(y), GRADIENT_SIZE)), np.empty_like(turn)
+    rate = orbit.mu / (o.position[0] ** 2 + o.position[1] ** 2 + o.position[2] ** 2) ** 1.5
+    for i in range(3):
+        # Derivatives with respect to r_1, r_2, v_1, v_2 in inertial axes, then to d and w there.
+        r1, r2, v1, v2 = -y[:, 18 + i], y[:, 21 + i], y[:, 6 + i], -y[:, 9 + i]
+        by_d, by_w = (m1 * r2 - m2 * r1) / total, (m1 * v2 - m2 * v1) / total
+        gradient[:, 20] += (r1 + r2) * o.velocity[i] - (v1 + v2) * rate * o.position[i]
+        for j in range(3):
+            gradient[:, j] += turn[i, j] * by_d
+            gradient[:, 3 + j] += turn[i, j] * by_w
+            matrix[i, j] = by_d * states[:, j] + by_w * states[:, 3 + j]
+            share += turn[i, j] * ((r1 + r2) * states[:, j] + (v1 + v2) * states[:, 3 + j])
+    gradient[:, 21], gradient[:, 22] = share * m2 / total**2, -share * m1 / total**2
+    a, b, c = matrix
+    q0, q1, q2, q3 = states[:, 16:20].T
+    gradient[:, 16] = 2.0 * (q3 * (b[0] - a[1]) + q2 * (a[2] - c[0]) + q1 * (c[1] - b[2]))
+    gradient[:, 17] = 2.0 * (q2 * (a[1] + b[0]) + q3 * (a[2] + c[0]) + q0 * (c[1] - b[2]) - 2.0 * q1 * (b[1] + c[2]))
+    gradient[:, 18] = 2.0 * (q1 * (a[1] + b[0]) + q3 * (b[2] + c[1]) + q0 * (a[2] - c[0]) - 2.0 * q2 * (a[0] + c[2]))
+    gradient[:, 19] = 2.0 * (q1 * (a[2] + c[0]) + q2 * (b[2] + c[1]) + q0 * (b[0] - a[1]) - 2.0 * q3 * (a[0] + b[1]))
+    return gradient
+
+
+def closest_approaches(states, release_times, masses, orbit, window=None, gradient=False):
+    """The smallest distance of the two CGs in a window of the coast after the last release, for n runs.
+
+    Parameters
+    ----------
+    states : array_like, shape (n, 20)
+        At the last release; see `satsep_ot.dynamics.system`.
+    release_times : array_like, shape (n,)
+        When that was [s].
+    masses : array_like, shape (n, 2)
+        Of the platform and the satellite [kg].
+    orbit : Orbit
+        Of O at t = 0; see `stack_orbit`.
+    window : Recontact, optional
+        By default `Recontact()`.
+    gradient : bool
+        Whether the exact gradients are wanted.
+
+    Returns
+    -------
+    distance : ndarray, shape (n,)
+        [m]; NaN for a state that is not finite.
+    time : ndarray, shape (n,)
+        When that is [s] since the last release.
+    gradient : ndarray, shape (n, 23), or None
+        With respect to the state (the numbers of the quaternion taken as free), the release time and the two masses,
+        the orbit of O being fixed. There is none where two minima are equally close, or where the distance is 0.
+
+    Raises
+    ------
+    ValueError
+        If a shape is not allowed, or the orbit is not closed or too eccentric.
+
+    Examples
+    --------
+    0.6 m/s along the track, without recoil of the platform: 10.2 km after one orbit.
+
+    >>> import numpy as np
+    >>> from satsep_ot.dynamics.orbit import Orbit
+    >>> from satsep_ot.dynamics.relative_orbit import Recontact, closest_approaches
+    >>> orbit = Orbit.from_elements(6878137.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    >>> state = np.zeros((1, 20))
+    >>> state[0, [4, 12, 16]] = 0.6, 1.0, 1.0
+    >>> distance, time, _ = closest_approaches(state, [0.0], [[1e12, 1.0]], orbit, Recontact(0.999999, 1.0))
+    >>> print(f"{distance[0]:.1f} m after {time[0]:.0f} s")
+    10221.8 m after 5677 s
+    """
+    window = Recontact() if window is None else window
+    states, release_times, masses = (np.asarray(value, dtype=float) for value in (states, release_times, masses))
+    count = len(states)
+    for name, value, shape in (
+        ("states", states, (count, STATE_SIZE)),
+        ("release_times", release_times, (count,)),
+        ("masses", masses, (count, 2)),
+    ):
+        if value.shape != shape:
+            raise ValueError(f"{name} has shape {value.shape}; {shape} is allowed")
+    rows = np.isfinite(states).all(axis=1) & np.isfinite(release_times) & (masses > 0.0).all(axis=1)
+    states, release_times, masses = states[rows], release_times[rows], masses[rows]
+    start, end = (np.full(len(states), 2.0 * math.pi * orbits) for orbits in (window.start_orbits, window.end_orbits))
+    distance, time, y, o, turn = _fly(states, release_times, masses, orbit, start, end, gradient)
+    result = np.full((count, 2), np.nan)
+    result[rows] = np.stack([distance, time], axis=1)
+    if not gradient:
+        return *result.T, None
+    gradients = np.full((count, GRADIENT_SIZE), np.nan)
+    gradients[rows] = _release_gradient(states, masses, orbit, y, o, turn)
+    return *result.T, gradients
+
+
+def coast(state, release_time, masses, orbit, times):
+    """Both bodies on their orbits after the last release of one run.
+
+    Parameters
+    ----------
+    state : array_like, shape (20,)
+        At the last release; see `satsep_ot.dynamics.system`.
+    release_time : float
+        When that was [s].
+    masses : array_like, shape (2,)
+        Of the platform and the satellite [kg].
+    orbit : Orbit
+        Of O at t = 0; see `stack_orbit`.
+    times : array_like, shape (T,)
+        Since the last release [s].
+
+    Returns
+    -------
+    motion : ndarray, shape (T, 12)
+        ECI position of the platform's CG [m] and position of the satellite's from there [m], then their velocities
+        [m/s].
+
+    Raises
+    ------
+    ValueError
+        If a time is negative, or the orbit is not closed or too eccentric.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.dynamics.orbit import Orbit
+    >>> from satsep_ot.dynamics.relative_orbit import coast
+    >>> orbit = Orbit.from_elements(6878137.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    >>> state = np.zeros(20)
+    >>> state[[4, 12, 16]] = 0.6, 1.0, 1.0
+    >>> print(coast(state, 0.0, [1200.0, 100.0], orbit, [0.0, 60.0]).shape)
+    (2, 12)
+    """
+    times = np.asarray(times, dtype=float)
+    if times.ndim != 1 or not ((times >= 0.0) & (times < np.inf)).all():
+        raise ValueError("times: finite ones that are not negative are allowed")
+    count = len(times)
+    states, masses = (np.tile(np.asarray(value, dtype=float), (count, 1)) for value in (state, masses))
+    # A window without length at each time.
+    angles = 2.0 * math.pi / orbit.period * times
+    return _fly(states, np.full(count, float(release_time)), masses, orbit, angles, angles, False)[2][:, :COAST_SIZE]
+
+
+def stack_orbit(separation):
+    """The orbit of O, the common CG of the joined stack, at t = 0.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+        With an orbit. Where that is the platform's, the nominal masses and CGs say where O is.
+
+    Returns
+    -------
+    orbit : Orbit
+    """
+    platform, satellite = separation.platform, separation.satellite
+    _, *motion = separation.platform_orbit()
+    share = satellite.mass / (platform.mass + satellite.mass)
+    arm = share * (satellite.center_of_mass - platform.center_of_mass)
+    turn = rotation_matrix(separation.attitude)
+    position = np.array(motion[:3]) + turn @ arm
+    velocity = np.array(motion[3:]) + turn @ np.cross(separation.rates, arm)
+    return Orbit(position, velocity, separation.orbit.mu, separation.orbit.j2)

@@ -1,0 +1,130 @@
+"""A result in one file: an .npz archive of its arrays, a JSON document, and OpenTURNS' own XML for its objects."""
+
+import contextlib
+import dataclasses
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import openturns as ot
+
+_FORMAT = "ActiveSubspaceReliabilityResult 1"
+
+
+def toXML(thing) -> str:
+    """An OpenTURNS object as XML text."""
+    with _file() as path:
+        study = ot.Study()
+        study.setStorageManager(ot.XMLStorageManager(str(path)))
+        study.add("object", thing)
+        study.save()
+        return path.read_text(encoding="utf-8")
+
+
+def fromXML(text: str, thing):
+    """Fill an empty OpenTURNS object of the right class from `toXML`'s text, and return it.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.result_storage import fromXML, toXML
+    >>> fromXML(toXML(ot.Normal(0.1, 1.0 / 3.0)), ot.Normal()).getParameter()[1] == 1.0 / 3.0
+    True
+    """
+    with _file() as path:
+        path.write_text(text, encoding="utf-8")
+        study = ot.Study()
+        study.setStorageManager(ot.XMLStorageManager(str(path)))
+        study.load()
+        study.fillObject("object", thing)
+    return thing
+
+
+@contextlib.contextmanager
+def _file():
+    with tempfile.TemporaryDirectory() as directory:
+        yield Path(directory) / "object.xml"
+
+
+def writeResult(path, fields: dict) -> None:
+    """Write named fields: plain values, dataclasses of arrays and OpenTURNS objects.
+
+    An event whose function is in Python is left out: it would be stored as code that runs on loading.
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise ValueError(f"the file is {path}; its name must end on .npz")
+    arrays, document = {}, {"format": _FORMAT}
+    for name, value in fields.items():
+        if dataclasses.is_dataclass(value):
+            content = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            arrays |= {f"{name}.{key}": part for key, part in content.items() if isinstance(part, np.ndarray)}
+            document[name] = {key: _plain(part) for key, part in content.items() if not isinstance(part, np.ndarray)}
+        else:
+            document[name] = _plain(value)
+    if document["event"] is not None and "Python" in document["event"]:
+        document["event"] = None
+    arrays["document"] = np.array(json.dumps(document))
+    # Complete or not there at all.
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            np.savez_compressed(stream, **arrays)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def _plain(value):
+    """A value that JSON knows: OpenTURNS objects become XML."""
+    if value is None or isinstance(value, (bool, int, float, str, list, dict)):
+        return value
+    try:
+        return toXML(value)
+    except RuntimeError:
+        # Functions that OpenTURNS cannot store.
+        return None
+
+
+def readResult(path, classes: dict) -> dict:
+    """The fields that `writeResult` has written.
+
+    Parameters
+    ----------
+    path : str or path
+    classes : dict
+        Dataclass of each field that is one.
+
+    Raises
+    ------
+    ValueError
+        The file is not such a result.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        document = json.loads(str(arrays.pop("document")))
+        if document.pop("format") != _FORMAT:
+            raise KeyError("format")
+    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} is not a result written by save(), or of another version") from error
+    fields = {}
+    for name, value in document.items():
+        if name in classes and value is not None:
+            prefix = f"{name}."
+            parts = {key.removeprefix(prefix): array for key, array in arrays.items() if key.startswith(prefix)}
+            fields[name] = classes[name](**value, **parts)
+        else:
+            fields[name] = value
+    fields["distribution"] = fromXML(fields["distribution"], ot.Distribution())
+    if fields["event"] is not None:
+        fields["event"] = fromXML(fields["event"], ot.RandomVector())
+    view = fields["view"]
+    if view is not None and view.metaModel is not None:
+        view.metaModel = fromXML(view.metaModel, ot.Function())
+    fields["history"] = [tuple(row) for row in fields["history"]]
+    return fields

@@ -1,0 +1,101 @@
+"""One run of a case as a document: what `satsep-ot simulate --json` prints."""
+
+import math
+
+import numpy as np
+
+from satsep_ot.dynamics.invariants import angular_momentum
+from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.rotations import quaternion_product
+from satsep_ot.dynamics.separation import Status
+from satsep_ot.dynamics.simulation import inertial_motion, simulate, trajectory
+from satsep_ot.model.case import Case
+
+LONGEST_TIME = 1000.0  # s after the start
+
+
+def run_document(case: Case, times=(), tolerance: float = 1e-8) -> dict:
+    """Simulate the nominal run of a case and say what came out, in SI units, radians and the quantities' own units.
+
+    Parameters
+    ----------
+    case : Case
+    times : sequence of float
+        When the motion is wanted beside the last release [s after t = 0], in any order; from 0 to 1000.
+    tolerance : float
+        Relative accuracy of the run, from 1e-13 to 1e-2.
+
+    Returns
+    -------
+    document : dict
+        Made for JSON; None where a run that failed has no number. `at_last_release` and the elements of `at`, one for
+        each time, hold t, dv_inertial (v_2 - v_1), dv_platform (the same in platform axes), dr_inertial (r_2 - r_1),
+        w_sat and w_plat (in the body's own axes), q_sat and q_plat ([w, x, y, z], body to inertial).
+
+    Raises
+    ------
+    ValueError
+        If a time or the tolerance is not allowed.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.run_document import run_document
+    >>> document = run_document(load_case("reference"), times=[0.05])
+    >>> print(document["status"], len(document["at"]), document["units"]["axial_velocity"])
+    OK 1 m/s
+    """
+    times = [float(time) for time in times]
+    for time in times:
+        if not 0.0 <= time <= LONGEST_TIME:
+            raise ValueError(f"time = {time} s; 0 to {LONGEST_TIME:g} s after the start is allowed")
+    separation = case.separation
+    outcome = simulate(separation, tolerance=tolerance)
+    status = Status(int(outcome.status[0]))
+    quantities = quantity_table(separation)
+    stops = np.unique([0.0, *times])
+    path = trajectory(separation, stops, tolerance=tolerance)
+    at = dict(zip(stops, path.states, strict=True))
+    return {
+        "case": case.name,
+        "status": status.name,
+        "message": outcome.explain(0),
+        "tolerance": tolerance,
+        "quantities": {name: _number(outcome.quantity(name)[0]) for name in quantities},
+        "units": {name: quantity.unit for name, quantity in quantities.items()},
+        "release_times": [_number(time) for time in outcome.release_times[0]],
+        "at_last_release": _motion(path.release_times.max(), path.last_release),
+        "at": [_motion(time, at[time]) for time in times],
+        "angular_momentum": _momentum(separation, path),
+    }
+
+
+def _momentum(separation, path):
+    """The angular momentum about the common CG at the start, and how far it has moved by the last release [N m s].
+
+    Springs do not change it, gravity does.
+    """
+    start, end = angular_momentum(separation, np.array([path.states[0], path.last_release]))
+    change = np.linalg.norm(end - start)
+    return {"at_start": start.tolist(), "change": float(change)} if np.isfinite(change) else None
+
+
+def _number(value):
+    return float(value) if math.isfinite(value) else None
+
+
+def _motion(time, state):
+    """The motion at one instant; None if the run did not get there."""
+    if not np.isfinite(state).all():
+        return None
+    velocity, position = inertial_motion(state[None])
+    vectors = {
+        "dv_inertial": velocity[0],
+        "dv_platform": state[3:6],
+        "dr_inertial": position[0],
+        "w_sat": state[9:12],
+        "w_plat": state[6:9],
+        "q_sat": quaternion_product(state[16:20], state[12:16]),
+        "q_plat": state[16:20],
+    }
+    return {"t": float(time), **{name: vector.tolist() for name, vector in vectors.items()}}

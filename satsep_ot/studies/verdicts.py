@@ -1,0 +1,162 @@
+"""Whether a requirement is met, in words, from a probability with its interval and the allowed probability."""
+
+from typing import NamedTuple
+
+MET, NOT_MET, UNDECIDED, NO_ALLOWANCE, UNKNOWN = "met", "not met", "undecided", "no allowed probability", "no estimate"
+
+
+class Verdict(NamedTuple):
+    """What is known of one requirement.
+
+    Attributes
+    ----------
+    requirement, status, sentence : str
+        The status is one of "met", "not met", "undecided", "no allowed probability", "no estimate".
+    row : dict or None
+        The row of the table that it rests on.
+    """
+
+    requirement: str
+    status: str
+    sentence: str
+    row: dict | None
+
+
+def best_row(rows):
+    """The row that others are judged by: the narrowest interval of ActiveSubspace and MonteCarlo.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Of one requirement.
+
+    Returns
+    -------
+    row : dict or None
+        None where none of them has converged to a probability with an interval.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import best_row
+    >>> row = {"method": "MonteCarlo", "probability": 0.0, "lower95": 0.0, "upper95": 3e-5, "converged": True}
+    >>> best_row([row])["upper95"]
+    3e-05
+    """
+    candidates = [
+        row
+        for row in rows
+        if row["method"] in ("ActiveSubspace", "MonteCarlo") and row["upper95"] is not None and row["converged"]
+    ]
+    # An interval that begins at 0 is wider, by ratio, than any other.
+    return min(candidates, key=lambda row: row["upper95"] / max(row["lower95"], 1e-300), default=None)
+
+
+def digits(probability):
+    """A probability in three digits.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import digits
+    >>> digits(2.654e-4), digits(0.005), digits(0.0123), digits(0.0), digits(None)
+    ('2.65e-4', '5e-3', '0.0123', '0', 'none')
+    """
+    if probability is None:
+        return "none"
+    if probability >= 0.01 or probability <= 0.0:
+        return f"{probability:.3g}"
+    mantissa, exponent = f"{probability:.2e}".split("e")
+    return f"{float(mantissa):g}e{int(exponent)}"
+
+
+def in_words(probability):
+    """A probability as a number of separations.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import in_words
+    >>> in_words(2.654e-4), in_words(0.3), in_words(0.0)
+    ('about 1 separation in 3,800', '30 % of the separations', 'no separation of those tried')
+    """
+    if probability <= 0.0:
+        return "no separation of those tried"
+    if probability > 0.1:
+        return f"{100.0 * probability:.3g} % of the separations"
+    return f"about 1 separation in {float(f'{1.0 / probability:.2g}'):,.0f}"
+
+
+def headline(verdicts):
+    """All verdicts in one sentence, the worst first.
+
+    Parameters
+    ----------
+    verdicts : sequence of Verdict
+
+    Returns
+    -------
+    text : str
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import Verdict, headline
+    >>> headline([Verdict("spin", "met", "", None), Verdict("clearance", "not met", "", None)])
+    'Not met: clearance. Met with 95 % confidence: spin.'
+    """
+    if not verdicts:
+        return "The case has no requirements."
+    groups = {}
+    for verdict in verdicts:
+        groups.setdefault(verdict.status, []).append(verdict.requirement)
+    if list(groups) == [MET]:
+        return f"{'Every' if len(verdicts) > 1 else 'The'} requirement is met with 95 % confidence."
+    texts = {
+        NOT_MET: "Not met: {}.",
+        UNDECIDED: "Undecided with these runs: {}.",
+        UNKNOWN: "Without an estimate: {}.",
+        MET: "Met with 95 % confidence: {}.",
+        NO_ALLOWANCE: "Without an allowed probability to compare with: {}.",
+    }
+    return " ".join(text.format(", ".join(groups[status])) for status, text in texts.items() if status in groups)
+
+
+def judge(requirement, rows, allowed=None):
+    """The verdict on one requirement.
+
+    Parameters
+    ----------
+    requirement : str
+    rows : sequence of dict
+        Of this requirement, as in results.json.
+    allowed : float, optional
+        Largest accepted probability of violation.
+
+    Returns
+    -------
+    verdict : Verdict
+        "met" only where the whole 95 % interval is at most the allowed probability, "not met" only where all of it is
+        above.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import judge
+    >>> row = {"method": "MonteCarlo", "probability": 2e-4, "lower95": 1e-4, "upper95": 4e-4, "converged": True}
+    >>> judge("spin", [row], 1e-3).status, judge("spin", [row], 3e-4).status
+    ('met', 'undecided')
+    """
+    row = best_row(rows)
+    if row is None:
+        return Verdict(
+            requirement, UNKNOWN, "No method gave a probability with an interval: nothing can be said. FORM and SORM "
+            "have none; run ActiveSubspace or MonteCarlo.", None,
+        )  # fmt: skip
+    lower, upper = row["lower95"], row["upper95"]
+    known = f"{in_words(row['probability'])}; with 95 % confidence between {digits(lower)} and {digits(upper)}"
+    known = known[0].upper() + known[1:]
+    if allowed is None:
+        return Verdict(requirement, NO_ALLOWANCE, f"{known}. The case file names no allowed probability.", row)
+    if upper <= allowed:
+        return Verdict(requirement, MET, f"{known}: all of it within the allowed {digits(allowed)}.", row)
+    if lower > allowed:
+        return Verdict(requirement, NOT_MET, f"{known}: all of it above the allowed {digits(allowed)}.", row)
+    return Verdict(
+        requirement, UNDECIDED, f"{known}: the allowed {digits(allowed)} lies within. More runs can decide it.", row
+    )

@@ -1,0 +1,286 @@
+"""What the true runs of one probability say beside it: sensitivities, importance, other distributions, files."""
+
+import dataclasses
+import math
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.methods import reliability
+from satsep_ot.methods.failure_sample import FailureSample, computeParameterSensitivity, computeProbability
+from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
+
+phi = ot.DistFunc.dNormal
+tail = ot.Normal().computeComplementaryCDF
+
+
+@pytest.fixture(autouse=True)
+def _seed(monkeypatch):
+    ot.RandomGenerator.SetSeed(0)
+    monkeypatch.setattr(reliability, "_POOL_SIZE", 20_000)
+
+
+def solve(formula, distribution, threshold, target=0.02):
+    names = [f"x{i}" for i in range(distribution.getDimension())]
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(names, [formula]), ot.RandomVector(distribution))
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), threshold))
+    algorithm.setTargetCoefficientOfVariation(target)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getConverged()
+    return result
+
+
+def checkDerivatives(rows, truth, largest=0.1):
+    """Each derivative within its 99.9 % interval, which is not wide."""
+    for row in rows:
+        expected = truth[row.input, row.parameter]
+        assert row.lower <= expected <= row.upper, row
+        scale = max(abs(value) for value in truth.values())
+        assert row.upper - row.lower < 2.0 * max(largest * abs(expected), 0.03 * scale) * 3.3, row
+
+
+def differences(probability, marginals):
+    """Central differences of a function of marginals, by input and parameter."""
+    truth = {}
+    for index, marginal in enumerate(marginals):
+        for place, name in enumerate(marginal.getParameterDescription()):
+            values = []
+            step = 1e-4 * marginal.getStandardDeviation()[0]
+            for sign in (1.0, -1.0):
+                changed = [ot.Distribution(other) for other in marginals]
+                parameter = np.array(marginal.getParameter())
+                parameter[place] += sign * step
+                changed[index].setParameter(parameter)
+                values.append(probability(changed))
+            truth[f"X{index}", name.removesuffix("_0")] = (values[0] - values[1]) / (2.0 * step)
+    return truth
+
+
+# Sensitivity to the parameters. --------------------------------------------------------------------------------------
+
+
+def test_derivatives_of_a_linear_normal_problem():
+    mean, deviation, slope = np.array([1.0, -2.0, 5.0]), np.array([0.5, 2.0, 1.0]), np.array([2.0, 0.8, 0.0])
+    total = math.sqrt(((slope * deviation) ** 2).sum())
+    index = 3.0
+    result = solve(
+        "2 * x0 + 0.8 * x1 + 1e-9 * x2",
+        ot.Normal(mean, deviation, ot.CorrelationMatrix(3)),
+        float(slope @ mean + index * total),
+    )
+    truth = {}
+    for i in range(3):
+        truth[f"X{i}", "mu"] = phi(index) * slope[i] / total
+        truth[f"X{i}", "sigma"] = phi(index) * index * slope[i] ** 2 * deviation[i] / total**2
+    rows = result.computeParameterSensitivity(0.999)
+    assert [(row.input, row.parameter) for row in rows] == list(truth)
+    checkDerivatives(rows, truth)
+    first = rows[0]
+    assert first.value == 1.0
+    assert first.elasticity == pytest.approx(first.derivative * 0.5 / result.getProbabilityEstimate())
+
+
+def test_derivatives_with_correlated_normal_inputs():
+    correlation = ot.CorrelationMatrix([[1.0, 0.6], [0.6, 1.0]])
+    result = solve("x0 + x1", ot.Normal([0.0, 1.0], [1.0, 2.0], correlation), 9.0)
+
+    def probability(marginals):
+        (m0, s0), (m1, s1) = (marginal.getParameter() for marginal in marginals)
+        return tail((9.0 - m0 - m1) / math.sqrt(s0**2 + s1**2 + 1.2 * s0 * s1))
+
+    truth = differences(probability, [ot.Normal(0.0, 1.0), ot.Normal(1.0, 2.0)])
+    checkDerivatives(result.computeParameterSensitivity(0.999), truth)
+
+
+def test_derivatives_with_a_copula_and_other_marginals():
+    marginals = [ot.Gumbel(0.5, 1.0), ot.LogNormal(0.2, 0.3, 0.0)]
+    copula = ot.ClaytonCopula(1.5)
+    threshold = 9.0
+
+    def probability(changed):
+        # The sum exceeds the threshold: over the levels of the second input, the conditional law of the first one.
+        v, weight = np.polynomial.legendre.leggauss(400)
+        v, weight = 0.5 * (v + 1.0), 0.5 * weight
+        second = [changed[1].computeQuantile(level)[0] for level in v]
+        u = [changed[0].computeCDF(threshold - value) for value in second]
+        # The derivative of the copula's distribution function in its second argument.
+        below = [
+            b ** (-2.5) * (a ** (-1.5) + b ** (-1.5) - 1.0) ** (-1.0 / 1.5 - 1.0) for a, b in zip(u, v, strict=True)
+        ]
+        return float(weight @ (1.0 - np.array(below)))
+
+    result = solve("x0 + x1", ot.JointDistribution(marginals, copula), threshold)
+    assert result.getProbabilityEstimate() == pytest.approx(probability(marginals), rel=0.1)
+    rows = result.computeParameterSensitivity(0.999)
+    truth = differences(probability, marginals)
+    checkDerivatives(rows, truth, 0.25)
+
+
+def test_derivatives_at_the_bounds_of_a_uniform_input():
+    marginals = [ot.Uniform(-1.0, 1.5), ot.Normal(0.0, 0.5)]
+
+    def probability(changed):
+        a, b = changed[0].getParameter()
+        mu, sigma = changed[1].getParameter()
+        x, weight = np.polynomial.legendre.leggauss(100)
+        x = a + 0.5 * (b - a) * (x + 1.0)
+        return 0.5 * float(weight @ [tail((2.0 - value - mu) / sigma) for value in x])
+
+    result = solve("x0 + x1", ot.JointDistribution(marginals), 2.0, 0.01)
+    truth = differences(probability, marginals)
+    rows = result.computeParameterSensitivity(0.95)
+    for row in rows:
+        assert row.derivative == pytest.approx(
+            truth[row.input, row.parameter], abs=0.15 * max(map(abs, truth.values()))
+        )
+
+
+def test_a_bound_at_which_the_density_jumps_has_no_score_and_says_so():
+    generator = np.random.default_rng(0)
+    for marginal, jumping in (
+        (ot.Exponential(1.0, 0.0), {"gamma"}),
+        (ot.TruncatedDistribution(ot.Normal(0.0, 1.0), -1.0, 1.0), {"lowerBound", "upperBound"}),
+        (ot.Triangular(0.0, 1.0, 3.0), set()),
+        (ot.WeibullMin(1.0, 3.0, 0.0), set()),
+    ):
+        x = np.array(marginal.getSample(2000))
+        sample = FailureSample.ofMonteCarlo(x, generator.random(2000) < 0.5)
+        rows = computeParameterSensitivity(sample, ot.JointDistribution([marginal]), 0.95)
+        assert {row.parameter for row in rows if row.derivative is None} == jumping
+        assert all("jumps" in row.note for row in rows if row.derivative is None)
+
+
+def test_intervals_of_the_derivatives_cover():
+    # Monte Carlo samples: the cheapest estimate whose derivative is known.
+    truth = phi(1.0)
+    covered = 0
+    for _ in range(100):
+        x = np.array(ot.Normal(1).getSample(300))
+        row = computeParameterSensitivity(FailureSample.ofMonteCarlo(x, x[:, 0] > 1.0), ot.Normal(1), 0.9)[0]
+        covered += row.lower <= truth <= row.upper
+    assert 80 <= covered <= 98
+
+
+# Importance. ---------------------------------------------------------------------------------------------------------
+
+
+def test_importance_of_a_linear_problem_and_of_two_sided_failure():
+    result = solve("0.8 * x0 + 0.6 * x1 + 1e-9 * x2", ot.Normal(3), 3.0)
+    rows = result.computeImportance(0.999)
+    shift = phi(3.0) / tail(3.0)
+    for row, alpha in zip(rows, (0.8, 0.6, 0.0), strict=True):
+        assert row.shiftLower <= alpha * shift <= row.shiftUpper
+        spread = math.sqrt(1.0 + alpha**2 * (3.0 * shift - shift**2))
+        assert row.spreadLower <= spread <= row.spreadUpper
+    assert rows[0].share == pytest.approx(0.64, abs=0.06)
+    assert sum(row.share for row in rows) == pytest.approx(1.0)
+    both = solve("abs(x0) + 1e-9 * x1", ot.Normal(2), 3.0).computeImportance()
+    assert both[0].share > 0.95
+    assert abs(both[0].shift) < 0.2
+    assert both[0].spread == pytest.approx(math.sqrt(1.0 + 3.0 * shift), rel=0.05)
+
+
+# Other distributions. ------------------------------------------------------------------------------------------------
+
+
+def test_probability_under_changed_tolerances():
+    result = solve("0.8 * x0 + 0.6 * x1", ot.Normal(2), 3.0)
+    for mean, deviation in (([0.2, 0.0], [1.0, 1.0]), ([0.0, 0.0], [0.9, 1.05]), ([-0.3, 0.1], [1.0, 0.8])):
+        other = ot.Normal(mean, deviation, ot.CorrelationMatrix(2))
+        truth = tail((3.0 - 0.8 * mean[0] - 0.6 * mean[1]) / math.hypot(0.8 * deviation[0], 0.6 * deviation[1]))
+        answer = result.computeProbability(other, 0.999)
+        assert answer.lower <= truth <= answer.upper
+        assert not answer.warning
+        assert answer.coefficientOfVariation < 0.1
+    same = result.computeProbability(ot.Normal(2))
+    assert same.probability == pytest.approx(result.getProbabilityEstimate(), rel=1e-9)
+    assert same.upper == pytest.approx(result.getConfidenceInterval().getUpperBound()[0], rel=0.01)
+
+
+def test_weights_that_no_longer_carry_the_answer_are_named():
+    result = solve("0.8 * x0 + 0.6 * x1", ot.Normal(2), 3.0)
+    answer = result.computeProbability(ot.Normal([-6.0, 5.0], [0.2, 0.2], ot.CorrelationMatrix(2)))
+    assert "run the algorithm" in answer.warning
+    with pytest.raises(ValueError, match="has 3 inputs"):
+        result.computeProbability(ot.Normal(3))
+
+
+def test_a_distribution_that_reaches_where_no_run_was_is_refused():
+    first = ot.JointDistribution([ot.Uniform(0.0, 1.0)])
+    sample = FailureSample.ofMonteCarlo(np.array([[0.2], [0.9]]), np.array([False, True]))
+    with pytest.raises(ValueError, match=r"X0 reaches to 2.*bound of the first one is 1"):
+        computeProbability(sample, first, ot.JointDistribution([ot.Uniform(0.0, 2.0)]), 0.95)
+    narrower = computeProbability(sample, first, ot.JointDistribution([ot.Uniform(0.5, 1.0)]), 0.95)
+    assert narrower.probability == pytest.approx(1.0)
+
+
+# Where there is nothing to say. --------------------------------------------------------------------------------------
+
+
+def test_no_failure_and_subset_simulation_have_no_sensitivities():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["1"]), ot.RandomVector(ot.Normal(2)))
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 2.0))
+    algorithm.run()
+    with pytest.raises(RuntimeError, match="no run has failed"):
+        algorithm.getResult().computeImportance()
+    algorithm = ActiveSubspaceReliability(
+        ot.ThresholdEvent(
+            ot.CompositeRandomVector(ot.SymbolicFunction(["a"], ["a"]), ot.RandomVector(ot.Normal(1))),
+            ot.Greater(),
+            60.0,
+        )
+    )
+    algorithm.setMaximumEvaluations(300)
+    algorithm.run()
+    assert algorithm.getResult().getMethod() == "SubsetSimulation"
+    with pytest.raises(RuntimeError, match="subset simulation"):
+        algorithm.getResult().computeParameterSensitivity()
+
+
+# Files. --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_result_is_the_same_after_loading(tmp_path):
+    result = solve(
+        "0.8 * x0 + 0.6 * x1 + 0.1 * x2^2", ot.JointDistribution([ot.Normal(), ot.Normal(), ot.Gumbel()]), 4.0
+    )
+    path = tmp_path / "result.npz"
+    result.save(path)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["result.npz"]
+    loaded = ActiveSubspaceReliabilityResult.load(path)
+    assert repr(loaded) == repr(result)
+    for name in (
+        "getProbabilityEstimate", "getVarianceEstimate", "getReliabilityIndex", "getSurrogateProbability", "getPhases",
+        "getActiveDimensions", "getDiagnostics", "getConverged", "getReason", "getMethod", "getInputSample",
+        "getOutputSample", "getConfidenceInterval", "computeParameterSensitivity", "computeImportance",
+    ):  # fmt: skip
+        assert getattr(loaded, name)() == getattr(result, name)(), name
+    other = ot.JointDistribution([ot.Normal(0.1, 1.0), ot.Normal(), ot.Gumbel()])
+    assert loaded.computeProbability(other) == result.computeProbability(other)
+    point = [0.1, 0.2, 0.3]
+    assert loaded.getMetaModelResult().getMetaModel()(point) == result.getMetaModelResult().getMetaModel()(point)
+    assert loaded.getProbabilitySimulationResult().getProbabilityEstimate() == result.getProbabilityEstimate()
+    for draw in ("drawConvergence", "drawLimitState", "drawWeights", "drawImportance"):
+        assert repr(getattr(loaded, draw)()) == repr(getattr(result, draw)())
+    with pytest.raises(ValueError, match=r"must end on \.npz"):
+        result.save(tmp_path / "result.pickle")
+    (tmp_path / "other.npz").write_text("nothing", encoding="utf-8")
+    with pytest.raises(ValueError, match="not a result"):
+        ActiveSubspaceReliabilityResult.load(tmp_path / "other.npz")
+
+
+def test_an_event_in_python_is_given_again_on_loading(tmp_path):
+    function = ot.PythonFunction(2, 1, func_sample=lambda x: np.asarray(x).sum(axis=1, keepdims=True))
+    event = ot.ThresholdEvent(ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(2))), ot.Greater(), 4.0)
+    algorithm = ActiveSubspaceReliability(event)
+    algorithm.run()
+    algorithm.getResult().save(tmp_path / "result.npz")
+    loaded = ActiveSubspaceReliabilityResult.load(tmp_path / "result.npz")
+    with pytest.raises(RuntimeError, match="give it to load"):
+        loaded.getProbabilitySimulationResult()
+    again = ActiveSubspaceReliabilityResult.load(tmp_path / "result.npz", event)
+    assert again.getProbabilitySimulationResult().getProbabilityEstimate() == loaded.getProbabilityEstimate()
+    assert dataclasses.asdict(again.computeImportance()[0]) == dataclasses.asdict(loaded.computeImportance()[0])

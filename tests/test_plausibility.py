@@ -1,0 +1,68 @@
+"""What `check` warns of: each kind of wrong unit once, and silence for the cases of the package."""
+
+import math
+
+import openturns as ot
+import pytest
+
+from satsep_ot.model.case import load_case, parse_case, shipped_cases
+from satsep_ot.model.plausibility import implausibilities, push_energy
+
+REFERENCE = load_case("reference").text
+FAST = ("stiffness = 5500.0", "stiffness = 5500.0e3")
+
+
+@pytest.mark.parametrize("name", shipped_cases())
+def test_the_cases_of_the_package_look_as_they_are_meant(name):
+    assert implausibilities(load_case(name)) == []
+
+
+def test_50_metres_a_second_are_named_with_the_energy_that_gives_them():
+    # v = sqrt(2 E / mu): 7000 times the energy of 16.5 J and 0.5979 m/s.
+    case = parse_case(REFERENCE.replace("stiffness = 5500.0", "stiffness = 38.5e6"))
+    assert push_energy(case.separation) == pytest.approx(7000 * 16.5)
+    assert f"gives {0.597913 * math.sqrt(7000):.3g} m/s" in implausibilities(case)[0]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (*FAST, "897 g"),
+        ("stiffness = 5500.0 ", "stiffness = 5.5 ", "gives 0.0189 m/s"),
+        ("stroke = 30.0", "stroke = 50.0", "a stroke is longer than the deformation"),
+        ("rates = [0.0, 0.0, 0.0]", "rates = [0.0, 1000.0, 0.0]", "1000 deg/s is 167 rpm"),
+        ("inertia = [9.35, 8.0, 9.35]", "inertia = [9.35e6, 8.0e6, 9.35e6]", "satellite: its inertia is that of"),
+        ("center_of_mass = [0.0, 400.0, 0.0]", "center_of_mass = [0.0, 0.4, 400.0]", "400 mm off the axis"),
+        ('"satellite.mass", sigma = 0.5', '"satellite.mass", sigma = 30.0', "a scatter of 93 % of its mean"),
+        ('"platform.mass", sigma = 12.0', '"platform.mass", mean = 1.3e3, sigma = 12.0', "is not typical"),
+        (
+            '"satellite.inertia.yy", sigma = "1.5 %"',
+            '"satellite.inertia.yy", mean = 18.0, sigma = 0.5',
+            "% of the combinations a tensor that no body has",
+        ),
+        ("# horizon = 10.0 ", "horizon = 0.42 ", "did not leave the recess"),
+    ],
+)  # fmt: skip
+def test_what_is_hardly_meant_is_said(old, new, words):
+    assert old in REFERENCE
+    assert any(words in sentence for sentence in implausibilities(parse_case(REFERENCE.replace(old, new, 1))))
+
+
+def test_share_of_impossible_tensors_is_that_of_the_law():
+    # Ixx = Izz = 1, Iyy uniform on 1.5 to 2.5: half of it is above the sum of the other two.
+    text = (
+        "[platform]\nmass = 10\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+        "[satellite]\nmass = 1\ninertia = [1, 2, 1]\ncenter_of_mass = [0, 0, 0]\n"
+        "[springs]\ncount = 2\nradius = 1000\nstiffness = 100\ndeformation = 20\nstroke = 10\n"
+        '[inputs]\nIyy = { quantity = "satellite.inertia.yy", plus_minus = 0.5 }\n'
+    )
+    (sentence,) = implausibilities(parse_case(text))
+    assert "gives 50 % of the combinations" in sentence
+
+
+def test_the_random_generator_is_left_alone():
+    ot.RandomGenerator.SetSeed(4)
+    before = ot.RandomGenerator.Generate()
+    ot.RandomGenerator.SetSeed(4)
+    implausibilities(load_case("reference"))
+    assert ot.RandomGenerator.Generate() == before

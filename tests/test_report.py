@@ -1,0 +1,227 @@
+"""The report: what it says, that it stands alone, and that a real browser shows it."""
+
+import html
+import json
+import re
+import shutil
+
+import pytest
+
+from satsep_ot import cli
+from satsep_ot.model.case import parse_case
+from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies.report import ReportError, render_report, write_report
+from satsep_ot.studies.separation_study import SeparationStudy
+from tests.browser import PROGRAM, Browser
+
+CASE = """
+name = "small <case> & co"
+[platform]
+mass = 10
+inertia = [1, 1, 1]
+center_of_mass = [0, -100, 0]
+[satellite]
+mass = 1
+inertia = [0.01, 0.01, 0.01]
+center_of_mass = [0, 100, 0]
+[springs]
+count = 2
+radius = 100
+stiffness = 100
+deformation = 20
+stroke = 10
+[inputs]
+mass = { quantity = "satellite.mass", sigma = 0.03 }
+rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
+cant = { quantity = "springs.cant.each", sigma = 0.02 }
+[[requirements]]
+name = "rolling </script>"
+quantity = "spin"
+maximum = 1.0
+allowed_probability = 0.05
+[[requirements]]
+name = "slow"
+quantity = "axial_velocity"
+minimum = 0.251
+allowed_probability = 1e-6
+[[requirements]]
+quantity = "release_time"
+maximum = 0.2
+"""
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study")
+    study = SeparationStudy(
+        SeparationProblem(parse_case(CASE)), ["ActiveSubspace", "FORM", "MonteCarlo"], 5, 5000, 50, toleranceSize=1
+    )
+    study.run()
+    study.save(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(directory):
+    return (directory / "report.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def results(directory):
+    return json.loads((directory / "results.json").read_text(encoding="utf-8"))
+
+
+def visible_text(page):
+    """The words of a page, without its script and style."""
+    text = re.sub(r"<(script|style)\b.*?</\1>", " ", page, flags=re.DOTALL)
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", "", text)).split())
+
+
+def test_the_answer_comes_first_and_in_words(page, results):
+    text = visible_text(page)
+    statuses = {verdict["requirement"]: verdict["status"] for verdict in results["verdicts"]}
+    assert statuses["rolling </script>"] == "met"
+    assert statuses["slow"] == "not met"
+    assert "Not met: slow. Met with 95 % confidence: rolling </script>." in text
+    for verdict in results["verdicts"]:
+        assert verdict["sentence"] in text
+    assert text.index("Not met: slow") < text.index("The answer") < text.rindex("What drives it")
+
+
+def test_sections_come_in_the_order_of_a_reviewers_questions(page):
+    headings = re.findall(r"<h2>(.*?)</h2>", page)
+    assert headings == [
+        "The answer", "What drives it", "Which tolerance to tighten, and what that buys",
+        "The nominal separation and the most likely violation", "Distributions of the quantities",
+        "Active subspace and quality of the surrogates", "The same probability by several methods",
+        "Assumptions and limits", "To repeat it",
+    ]  # fmt: skip
+
+
+def test_names_are_escaped_and_the_data_end_where_they_should(page, directory):
+    assert "small &lt;case&gt; &amp; co" in page
+    assert page.count("</script>") == 2
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1]
+    assert json.loads(data) == json.loads((directory / "motion.json").read_text(encoding="utf-8"))
+
+
+def test_the_page_stands_alone(page, results):
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert all(source.startswith(("data:", "#")) for source in sources)
+    assert len([source for source in sources if source.startswith("data:image/svg+xml")]) == len(results["figures"])
+    assert "url(" not in page
+    assert "@import" not in page
+
+
+def test_everything_to_repeat_it_is_there(page, results):
+    text = visible_text(page)
+    assert "satsep-ot study case.toml --seed 5 --runs 5000 --methods ActiveSubspace FORM MonteCarlo" in text
+    assert 'cant = { quantity = "springs.cant.each", sigma = 0.02 }' in text
+    for name, version in results["versions"].items():
+        assert f"{name} {version}" in text or f"{name}{version}" in text
+
+
+def test_the_same_command_gives_the_same_numbers(directory, results, tmp_path):
+    """As the page says: with the case that it keeps, its seed and its sizes."""
+    shutil.copy(directory / "case.toml", tmp_path)
+    sizes = results["sizes"]
+    arguments = [
+        "study",
+        str(tmp_path / "case.toml"),
+        "--seed",
+        str(results["seed"]),
+        "--output",
+        str(tmp_path / "out"),
+    ]
+    arguments += ["--runs", str(sizes["sample"]), "--tolerances", "0", "--methods", "FORM", "MonteCarlo"]
+    assert cli.main(arguments) == 0
+    again = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))["rows"]
+    first = [row for row in results["rows"] if row["method"] != "ActiveSubspace"]
+    for row in (*first, *again):
+        del row["seconds"]
+    assert again == first
+
+
+def test_halving_the_tolerance_that_drives_a_quantity_is_worth_something(results):
+    rolling = "rolling </script>"
+    assert next(iter(results["drivers"][rolling])) == "rate_y"
+    assert sum(results["drivers"][rolling].values()) == pytest.approx(1.0)
+    halved = results["tightened"][rolling][0]
+    # P(|rate_y| > 1 deg/s) at a deviation of 0.4 is 1.24e-2, at 0.36 it is 5.48e-3, at 0.2 it is 5.7e-7.
+    assert results["ratios"][rolling]["rate_y"] == pytest.approx(0.442, rel=0.05)
+    assert halved["tolerance"] == "rate_y"
+    assert halved["upper95"] < 1e-5
+
+
+def test_the_most_likely_violation_of_a_known_case(results):
+    violation = results["violations"]["rolling </script>"]
+    # |rate_y| > 1 deg/s with a deviation of 0.4 deg/s, and hardly anything else.
+    assert violation["distance"] == pytest.approx(2.5, rel=0.01)
+    assert violation["quantities"]["spin"] > 1.0
+
+
+def test_report_command_writes_the_same_page_again(directory, page, tmp_path, capsys):
+    copy = tmp_path / "copy"
+    shutil.copytree(directory, copy)
+    (copy / "report.html").unlink()
+    assert cli.main(["report", str(copy)]) == 0
+    assert "report.html written" in capsys.readouterr().out
+    assert (copy / "report.html").read_text(encoding="utf-8") == page
+    assert not list(copy.glob(".report*"))
+
+
+def test_what_is_no_study_is_refused_in_one_sentence(directory, tmp_path, capsys):
+    assert cli.main(["report", str(tmp_path)]) == 2
+    captured = capsys.readouterr().err
+    assert captured.count("\n") == 1
+    assert "there is no such file" in captured
+    for text, words in (
+        ("{", "not valid JSON"), ("[]", "must hold an object"), ("{}", "is not what this version's study writes"),
+        ('{"complete": false}', "was interrupted"),
+    ):  # fmt: skip
+        (tmp_path / "results.json").write_text(text, encoding="utf-8")
+        with pytest.raises(ReportError, match=words):
+            render_report(tmp_path)
+    copy = tmp_path / "copy"
+    shutil.copytree(directory, copy)
+    next((copy / "figures").iterdir()).unlink()
+    with pytest.raises(ReportError, match="there is no such file"):
+        write_report(copy)
+
+
+@pytest.mark.skipif(PROGRAM is None, reason="no chromium on this machine")
+@pytest.mark.parametrize("width", [1400, 400])
+def test_a_real_browser_shows_it(directory, tmp_path, width):
+    address = (directory / "report.html").as_uri()
+    with Browser() as browser:
+        browser.open(address, width, 900)
+        assert browser.evaluate("document.documentElement.scrollWidth") <= width
+        # Every picture is decoded, none is cut.
+        assert browser.evaluate(
+            "Promise.all([...document.images].map(i => i.decode())).then(() => "
+            "[...document.images].every(i => i.naturalWidth > 0 && i.clientWidth <= innerWidth))"
+        )
+        # The moving view is drawn, and differs with time, direction and violation.
+        slide = (
+            "(value => {{ const time = document.getElementById('time'); time.value = value; "
+            "time.dispatchEvent(new Event('input')); }})({})"
+        )
+        seen = set()
+        for action in (
+            slide.format(0),
+            slide.format(900),
+            "document.querySelector('[data-view=top]').click()",
+            "document.getElementById('which').selectedIndex = 0; document.getElementById('magnify').click()",
+        ):
+            browser.evaluate(action)
+            seen.add(browser.evaluate("document.getElementById('right').toDataURL()"))
+        assert len(seen) == 4
+        browser.evaluate("document.getElementById('play').click()")
+        before = browser.evaluate("document.getElementById('clock').textContent")
+        browser.evaluate("new Promise(done => setTimeout(done, 400))")
+        assert browser.evaluate("document.getElementById('clock').textContent") != before
+        browser.screenshot(tmp_path / "page.png")
+        assert (tmp_path / "page.png").stat().st_size > 50_000
+        assert browser.complaints == []
+        outside = [url for url in browser.requests if url != address and not url.startswith("data:")]
+        assert outside == []
