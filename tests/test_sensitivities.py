@@ -10,6 +10,7 @@ from separation_cases import (
 )
 
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import ForceLine, Status
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
 
@@ -57,6 +58,7 @@ GRADIENT_CASES = {
     "planes": general_separation(rates=np.radians([0.8, -0.5, 0.6]), recess_planes=PLANES),
     "no cylinder": general_separation(recess_radius=0.0, recess_planes=PLANES),
     **{f"mixed springs {line.name}": general_separation(line, springs=mixed_springs()) for line in ForceLine},
+    "recontact": general_separation(recontact=Recontact()),
     "no orbit": general_separation(orbit=None, gradient_torque=False),
 }
 

@@ -252,9 +252,13 @@ def prepare(p, orbit, c, marks, x):
     x[5] = p[20] * dy - p[21] * dx + c[INVERSE_REDUCED_MASS] * iz
     # The moments about both CGs of the impulse at the ring centre, whose arms are -u and -c_1 (the stowed length of a
     # strut lies along y between the two ring centres; the impulse acts at the satellite's).
-    hx, hy, hz = p[32] - uy * iz + uz * iy, p[33] - uz * ix + ux * iz, p[34] - ux * iy + uy * ix
-    gx, gy, gz = times(c, SATELLITE_INVERSE_INERTIA,
-                       r00 * hx + r10 * hy + r20 * hz, r01 * hx + r11 * hy + r21 * hz, r02 * hx + r12 * hy + r22 * hz)  # fmt: skip
+    hx = p[32] - uy * iz + uz * iy
+    hy = p[33] - uz * ix + ux * iz
+    hz = p[34] - ux * iy + uy * ix
+    kx = r00 * hx + r10 * hy + r20 * hz
+    ky = r01 * hx + r11 * hy + r21 * hz
+    kz = r02 * hx + r12 * hy + r22 * hz
+    gx, gy, gz = times(c, SATELLITE_INVERSE_INERTIA, kx, ky, kz)
     x[9] = r00 * p[20] + r10 * p[21] + r20 * p[22] + gx
     x[10] = r01 * p[20] + r11 * p[21] + r21 * p[22] + gy
     x[11] = r02 * p[20] + r12 * p[21] + r22 * p[22] + gz

@@ -40,9 +40,7 @@ FIRST, SECOND = integers(0, 1)
 
 # A step works in one flat array `w`: stage states, their slopes, the state at the end, and the error allowed in each
 # component, at offsets that the compiler knows.
-START, K, NEW, ALLOWED = integers(
-    0, STAGES * STATE_SIZE, 2 * STAGES * STATE_SIZE, (2 * STAGES + 1) * STATE_SIZE
-)
+START, K, NEW, ALLOWED = integers(0, STAGES * STATE_SIZE, 2 * STAGES * STATE_SIZE, (2 * STAGES + 1) * STATE_SIZE)
 WORK_SIZE = (2 * STAGES + 2) * STATE_SIZE
 
 

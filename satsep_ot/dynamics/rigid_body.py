@@ -161,10 +161,13 @@ def derivative(t, x, at, row, c, marks):
 
 @njit(**INLINE)
 def seat_motion(x, at, row, c, marks, i):
-    """Stroke of spring i in the state x[at:] with the slope x[row:], its rate, and its acceleration up to the terms of second
-    order in the rates (for prediction).
+    """Stroke of spring i in the state x[at:] with the slope x[row:], its rate, and its acceleration.
+
+    That is up to the terms of second order in the rates: for prediction.
     """
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[at + 12], x[at + 13], x[at + 14], x[at + 15])
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(
+        x[at + 12], x[at + 13], x[at + 14], x[at + 15]
+    )
     k = SPRINGS + SPRING_COLUMNS * i
     u = c[k + 3]
     v = c[k + 4]

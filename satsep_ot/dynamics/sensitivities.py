@@ -117,7 +117,7 @@ def add(a, source, target, count):
 
 @njit(**KERNEL)
 def add_rotation_adjoint(a, row, q0, q1, q2, q3, target):
-    """Add to the quaternion adjoint, rows target to target + 3, what that of its rotation matrix says, 9 rows at `row`."""
+    """Add to a quaternion adjoint, rows target to target + 3, what that of its matrix says, rows row to row + 8."""
     for n in range(LANES):
         m = row * LANES + n
         m00 = a[m]
@@ -288,10 +288,10 @@ def push_adjoint(x, at, r, i, a, c, marks):
     dx = x[at]
     dy = x[at + 1]
     dz = x[at + 2]
-    s, gx, gy, gz, cx, cy, cz, share = contact(
-        c, marks, i, dx + r00 * u + r01 * v + r02 * w, dy + r10 * u + r11 * v + r12 * w, dz + r20 * u + r21 * v + r22 * w,
-        r01, r11, r21,
-    )  # fmt: skip
+    qx = dx + r00 * u + r01 * v + r02 * w
+    qy = dy + r10 * u + r11 * v + r12 * w
+    qz = dz + r20 * u + r21 * v + r22 * w
+    s, gx, gy, gz, cx, cy, cz, share = contact(c, marks, i, qx, qy, qz, r01, r11, r21)
     f, _, _, _ = law(c, marks, i, s)
     f *= c[k + SCALE] * share
     fx = f * gx

@@ -174,7 +174,9 @@ class Springs:
         )
         default = [ForceLaw.LINEAR if table is None else ForceLaw.TABLE for table in tables]
         laws = np.array(default if self.laws is None else self.laws, dtype=np.int64)
-        if laws.shape != (count,) or any((law == ForceLaw.TABLE) != (tables[i] is not None) for i, law in enumerate(laws)):
+        if laws.shape != (count,) or any(
+            (law == ForceLaw.TABLE) != (tables[i] is not None) for i, law in enumerate(laws)
+        ):
             raise ValueError(f"springs.laws = {laws.tolist()}; one law for each spring, TABLE where there is a table")
         object.__setattr__(self, "tables", tables)
         object.__setattr__(self, "laws", laws)
@@ -188,7 +190,9 @@ class Springs:
 
     def joined(self, other):
         """These springs and then those of `other`."""
-        values = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in (*_SPRING_NAMES, "laws")}
+        values = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in (*_SPRING_NAMES, "laws")
+        }
         return Springs(**values, tables=self.tables + other.tables)
 
 
@@ -197,7 +201,7 @@ def _checked_table(i, table, stroke):
     table = np.asarray(table, dtype=float)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
         raise ValueError(
-            f"springs.tables[{i}] has shape {table.shape}; at least 2 rows of stroke [m] and force [N], finite, are allowed"
+            f"springs.tables[{i}] has shape {table.shape}; two or more finite rows of stroke [m] and force [N] needed"
         )
     back = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if back.size:
@@ -207,7 +211,7 @@ def _checked_table(i, table, stroke):
         )
     if table[0, 0] > 0.0 or table[-1, 0] < stroke:
         raise ValueError(
-            f"springs.tables[{i}] goes from {table[0, 0]} m to {table[-1, 0]} m; it must cover 0 to the stroke, {stroke} m"
+            f"springs.tables[{i}] goes from {table[0, 0]} to {table[-1, 0]} m; it must cover 0 to {stroke} m"
         )
     return table
 
@@ -285,9 +289,9 @@ class Separation:
     gradient_torque : bool
         Whether the gravity-gradient torque acts.
     envelope : array_like, shape (E, 3), or None
-        Points of the satellite from its ring centre in its axes [m], whose clearance in the recess is asked for.
+        Points of the satellite from its ring centre in its axes [m]; their clearance in the recess is asked for.
     recess_radius, recess_depth : float
-        The platform's recess [m]: a cylinder about y from its ring plane, y = 0, up to y = depth. Radius 0: no cylinder.
+        The platform's recess [m]: a cylinder about y from its ring plane, y = 0, to y = depth. Radius 0: no cylinder.
     recess_planes : array_like, shape (W, 4), or None
         Plane walls of the recess: a normal into the free side and an offset h [m]; free is where normal . r >= h, with
         r from the platform's ring centre. Normals are scaled to length 1, the offsets with them.
@@ -356,10 +360,12 @@ class Separation:
             raise ValueError("gradient_torque is on without an orbit; give the orbit or switch it off")
         if self.recontact is not None and self.orbit is None:
             raise ValueError("recontact is asked for without an orbit; give the orbit or leave it out")
-        planes = np.zeros((0, 4)) if self.recess_planes is None else np.atleast_2d(np.array(self.recess_planes, dtype=float))
-        if planes.shape[1:] != (4,) or not np.isfinite(planes).all() or not (planes[:, :3] != 0.0).any(axis=1).all():
+        planes = (
+            np.zeros((0, 4)) if self.recess_planes is None else np.atleast_2d(np.array(self.recess_planes, dtype=float))
+        )
+        if planes.shape[1:] != (4,) or not np.isfinite(planes).all() or not planes[:, :3].any(axis=1).all():
             raise ValueError(
-                f"recess_planes = {planes.tolist()}; rows of a normal that is not 0 and an offset [m], finite, are allowed"
+                f"recess_planes = {planes.tolist()}; finite rows of a normal, not 0, and an offset [m] are allowed"
             )
         object.__setattr__(self, "recess_planes", planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True))
         if self.envelope is not None:
@@ -461,14 +467,14 @@ def invalid_parameter(separation, parameters):
         return f"stowed_length = {stowed} m; 0 is allowed here (only struts have a stowed length)"
     if friction < 0.0 or (separation.force_line != ForceLine.NORMAL and friction != 0.0):
         return (
-            f"guide_friction = {friction}; 0 is allowed, or a positive coefficient with the force line NORMAL, the only "
-            "one that loads the guide laterally"
+            f"guide_friction = {friction}; 0, or a positive coefficient with the force line NORMAL, is allowed: the "
+            "only one that loads the guide laterally"
         )
     radius, depth = parameters[RECESS_RADIUS : RECESS_DEPTH + 1]
-    if separation.envelope is not None:
-        if depth <= 0.0 or radius < 0.0 or (radius == 0.0 and not len(separation.recess_planes)):
-            return (
-                f"recess: radius = {radius} m, depth = {depth} m; a positive depth is allowed, and a positive radius "
-                "(or 0 where planes bound it)"
-            )
+    walls = radius > 0.0 or (radius == 0.0 and len(separation.recess_planes))
+    if separation.envelope is not None and not (depth > 0.0 and walls):
+        return (
+            f"recess: radius = {radius} m, depth = {depth} m; a positive depth is allowed, and a positive radius (or 0 "
+            "where planes bound it)"
+        )
     return None

@@ -13,9 +13,10 @@ from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
 from satsep_ot.dynamics.integration import WORK_SIZE
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import closest_approaches, stack_orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.sensitivities import LANES, adjoint_sweep, sweep_size
-from satsep_ot.dynamics.separation import Separation, Status, invalid_parameter
+from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
 from satsep_ot.dynamics.springs import table_segments
 from satsep_ot.dynamics.system import (
     GRAVITY,
@@ -30,6 +31,8 @@ from satsep_ot.dynamics.system import (
 )
 
 SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
+# Columns of the base that the coast after the release starts from: d, w, q1 and the time.
+COAST_COLUMNS = [*range(6), *range(16, STATE_SIZE + 1)]
 RUN_CHUNK = 1024  # runs between two looks at the keyboard, some 20 ms
 
 
@@ -308,22 +311,41 @@ def simulate_with_gradients(separation, parameters=None, quantities=None, tolera
     if unknown:
         raise ValueError(f"quantities: {sorted(unknown)} is unknown; {sorted(table)} are allowed")
     wanted = sorted({column for name in quantities or table for column in table[name].columns})
-    columns = np.full(-(-len(wanted) // LANES) * LANES, -1, np.int64)
-    columns[: len(wanted)] = wanted
+    recontact = base_size(separation) - 1 if separation.recontact is not None else -1
+    swept = sorted((set(wanted) | set(COAST_COLUMNS)) - {recontact}) if recontact in wanted else wanted
+    columns = np.full(-(-len(swept) // LANES) * LANES, -1, np.int64)
+    columns[: len(swept)] = swept
     outcome, _, gradients = _simulate(separation, parameters, np.empty(0), tolerance, columns)
     full = np.zeros((len(gradients), outcome.base.shape[1], gradients.shape[2]))
-    full[:, wanted] = gradients[:, : len(wanted)]
+    full[:, swept] = gradients[:, : len(swept)]
+    if recontact in wanted:
+        by_coast = _coast(separation, outcome.parameters, outcome.base, gradient=True)[2]
+        full[:, recontact] = np.einsum("nc,ncp->np", by_coast[:, COAST_COLUMNS], full[:, COAST_COLUMNS])
+        full[:, recontact, [PLATFORM, SATELLITE]] += by_coast[:, -2:]
     return replace(outcome, gradients=full)
 
 
+def base_size(separation):
+    """How many columns the base of a separation has."""
+    return STATE_SIZE + 2 + len(separation.recess_points()) + (separation.recontact is not None)
+
+
+def _coast(separation, parameters, base, gradient=False):
+    """Smallest distance in the window of re-contact, its time, and its gradient; see `relative_orbit`."""
+    return closest_approaches(
+        base[:, :STATE_SIZE], base[:, STATE_SIZE], parameters[:, [PLATFORM, SATELLITE]], stack_orbit(separation),
+        separation.recontact, gradient,
+    )  # fmt: skip
+
+
 def _simulate(separation, parameters, stops, tolerance, columns=None):
-    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of columns of the base if asked for."""
+    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of columns of the base if wanted."""
     rows = parameter_rows(separation, parameters)
-    n, spring_number, point_number = len(rows), len(separation.springs), len(separation.recess_points())
+    n, spring_number = len(rows), len(separation.springs)
     common = (
         separation.platform_orbit(), separation.attitude, float(separation.horizon), check_tolerance(tolerance), stops
     )  # fmt: skip
-    base, release_times = np.empty((n, STATE_SIZE + 2 + point_number)), np.empty((n, spring_number))
+    base, release_times = np.empty((n, base_size(separation))), np.empty((n, spring_number))
     status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     states = np.empty((n, len(stops), STATE_SIZE))
     gradients = None if columns is None else np.full((n, len(columns), rows.shape[1]), np.nan)
@@ -342,6 +364,8 @@ def _simulate(separation, parameters, stops, tolerance, columns=None):
     failed = status != Status.OK
     base[failed] = np.nan
     states[failed] = np.nan
+    if separation.recontact is not None:
+        base[:, -1] = _coast(separation, rows, base)[0]
     return Outcome(separation, rows, base, release_times, status, steps), states, gradients
 
 

@@ -30,7 +30,9 @@ def integers(*values):
 INVERSE_REDUCED_MASS = np.int64(0)
 PLATFORM_INERTIA, PLATFORM_INVERSE_INERTIA, SATELLITE_INERTIA, SATELLITE_INVERSE_INERTIA = integers(1, 10, 19, 28)
 STOWED_LENGTH, GUIDE_FRICTION = integers(37, 38)
-MU, ANCHOR_TIME, ANCHOR, INVERSE_SQUARE, INVERSE_RADIUS, GRAVITY_RATE, GRAVITY_RATE_SLOPE = integers(39, 40, 41, 50, 51, 52, 53)
+MU, ANCHOR_TIME, ANCHOR, INVERSE_SQUARE, INVERSE_RADIUS, GRAVITY_RATE, GRAVITY_RATE_SLOPE = integers(
+    39, 40, 41, 50, 51, 52, 53
+)
 PLATFORM_CG, SATELLITE_CG, RADIUS, DEPTH = integers(54, 57, 60, 61)
 # Then the spring table, spring by spring: platform seat from the platform's CG, satellite seat from the satellite's CG
 # (three columns each, in its body's axes), guide direction in platform axes (three), and what is named here.
@@ -41,9 +43,11 @@ STIFFNESS, DEFORMATION, RELEASE_STROKE, DELAY, SCALE = integers(9, 10, 11, 12, 1
 # the free side and offset.
 TABLE_COLUMNS, POINT_COLUMNS, PLANE_COLUMNS = integers(5, 3, 4)
 
-# Whole numbers, `marks`: how many springs, segments a table, points, planes; the force line, the level of gravity; where
-# tables, points and planes start; then for each spring whether it pushes now, whether it is still to start, and its law.
-SPRING_NUMBER, SEGMENT_NUMBER, POINT_NUMBER, PLANE_NUMBER, FORCE_LINE, GRAVITY_LEVEL, TABLES, POINTS, PLANES = np.arange(9)
+# Whole numbers, `marks`: how many springs, segments a table, points, planes; the force line, the level of gravity;
+# where tables, points and planes start; then for each spring whether it pushes, whether it is to start, and its law.
+SPRING_NUMBER, SEGMENT_NUMBER, POINT_NUMBER, PLANE_NUMBER, FORCE_LINE, GRAVITY_LEVEL, TABLES, POINTS, PLANES = (
+    np.arange(9)
+)
 SPRING_MARKS, MARK_COLUMNS = integers(9, 3)
 ACTIVE, PENDING, LAW = integers(0, 1, 2)
 
