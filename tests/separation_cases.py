@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from satsep_ot.dynamics.orbit import Orbit
-from satsep_ot.dynamics.separation import Body, ForceLine, Pivot, Separation, Springs
+from satsep_ot.dynamics.separation import Body, ForceLine, Pivot, Separation, Springs, umbilical
 
 TRUTH = json.loads((Path(__file__).parent / "data" / "separation_truth.json").read_text(encoding="utf-8"))
 TRUTH_CASES = {case["name"]: case for case in TRUTH["cases"]}
@@ -41,6 +41,9 @@ def general_separation(force_line=ForceLine.GUIDED, **changes):
         ),
         "force_line": force_line,
         "stowed_length": 0.04 if force_line == ForceLine.STRUT else 0.0,
+        "guide_friction": 0.15 if force_line == ForceLine.NORMAL else 0.0,
+        "impulse": [0.4, -1.1, 0.7],
+        "angular_impulse": [0.02, -0.03, 0.05],
         "attitude": [0.8, 0.2, -0.5, 0.3],
         "rates": np.radians([0.2, -0.3, 0.15]),
         "mounting_error": [1e-3, -2e-3, 1.5e-3],
@@ -51,6 +54,24 @@ def general_separation(force_line=ForceLine.GUIDED, **changes):
         "recess_depth": 0.25,
     }
     return Separation(**{**arguments, **changes})
+
+
+def mixed_springs():
+    """Linear springs, measured tables, an umbilical connector and a spring that has failed."""
+    stroke = np.linspace(0.0, 0.032, 6)
+    table = np.stack([stroke, 210.0 - 3000.0 * stroke - 4e4 * stroke**2], axis=1)
+    springs = Springs(
+        angle=np.append(SQUARE, 1.0),
+        radius=0.3,
+        stiffness=[5500.0, 0.0, 5620.0, 0.0, 5500.0],
+        deformation=[0.04, 0.0, 0.0397, 0.0, 0.04],
+        stroke=[0.03, 0.0303, 0.0297, 0.03, 0.03],
+        cant=0.003,
+        delay=[1.1e-3, 0.2e-3, 0.4e-3, 1.7e-3, 0.0],
+        scale=[1.0, 1.01, 1.0, 0.97, 0.0],
+        tables=[None, table, None, table * [1.0, 1.05], None],
+    )
+    return springs.joined(umbilical(0.4, 0.22, 1500.0, 0.008, 0.0075, friction=18.0, engagement=0.006))
 
 
 def truth_separation(case, force_line):

@@ -1,8 +1,16 @@
 import numpy as np
 import pytest
-from separation_cases import TRUTH, general_separation, symmetric_separation, truth_parameters, truth_separation
+from separation_cases import (
+    TRUTH,
+    general_separation,
+    mixed_springs,
+    symmetric_separation,
+    truth_parameters,
+    truth_separation,
+)
 
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import ForceLine, Status
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
 
@@ -44,21 +52,34 @@ def test_gradient_of_the_axial_push_by_calculus():
         assert gradient[names.index(name)] == pytest.approx(value, rel=1e-8), name
 
 
-@pytest.mark.parametrize("force_line", ForceLine)
-def test_every_gradient_against_central_differences(force_line):
+PLANES = [[-1.0, 0.05, 0.0, -0.36], [0.1, 0.02, 0.9, -0.4]]  # two walls near the envelope
+GRADIENT_CASES = {
+    **{line.name: general_separation(line, rates=np.radians([0.8, -0.5, 0.6])) for line in ForceLine},
+    "planes": general_separation(rates=np.radians([0.8, -0.5, 0.6]), recess_planes=PLANES),
+    "no cylinder": general_separation(recess_radius=0.0, recess_planes=PLANES),
+    **{f"mixed springs {line.name}": general_separation(line, springs=mixed_springs()) for line in ForceLine},
+    "recontact": general_separation(recontact=Recontact()),
+    "no orbit": general_separation(orbit=None, gradient_torque=False),
+}
+
+
+@pytest.mark.parametrize("case", GRADIENT_CASES)
+def test_every_gradient_against_central_differences(case):
     """Every quantity, every parameter: delays, cants, mounting error, clearances and their moving exits, gravity."""
-    separation = general_separation(force_line, rates=np.radians([0.8, -0.5, 0.6]))
+    separation = GRADIENT_CASES[case]
     table = quantity_table(separation)
     nominal, names = separation.parameters(), separation.parameter_names()
     outcome = simulate_with_gradients(separation, tolerance=1e-12)
     assert outcome.status[0] == Status.OK
     scales = {".mass": 1e-2, "inertia": 1e-3, "stiffness": 0.5, "delay": 1e-6, "deformation": 1e-6, "stroke": 1e-6}
     steps = np.array([next((step for key, step in scales.items() if key in name), 1e-5) for name in names])
-    # A guided spring has no stowed length to vary, and a delay of 0 cannot be lowered.
+    # What may not vary: a stowed length or a friction that the force line does not have, what a law does not take; a
+    # delay of 0 cannot be lowered, nor a scale of 0.
     varied = [
         i for i, name in enumerate(names)
-        if not (name == "stowed_length" and force_line == ForceLine.GUIDED)
-        and not (name.endswith("delay") and nominal[i] == 0.0)
+        if nominal[i] != 0.0 or not name.endswith(
+            ("stowed_length", "guide_friction", "delay", "scale", "stiffness", "deformation", "recess.radius")
+        )
     ]  # fmt: skip
     rows = np.concatenate([nominal + sign * np.diag(steps)[varied] for sign in (1.0, -1.0)])
     around = simulate(separation, rows, tolerance=1e-13)

@@ -13,6 +13,10 @@ from pathlib import Path
 OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
 # Functions that only kernels call need no way in from Python, which costs a third of the time to compile them.
 KERNEL = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
+# Small functions of inner loops: a call that passes arrays would cost more than what they do.
+INLINE = {"forceinline": True, **KERNEL}
+# Functions that are called at one place alone: taken into their caller before it is compiled.
+ONCE = {"inline": "always", **OPTIONS}
 
 
 def _digest(folder):

@@ -12,33 +12,92 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import KERNEL
-from satsep_ot.dynamics.integration import EIGHTH_ORDER, FOURTH_ORDER, error_ratio, finish, full_step, stages
-from satsep_ot.dynamics.rigid_body import derivative, seat_motion
+from satsep_ot.dynamics.compilation import INLINE, KERNEL
+from satsep_ot.dynamics.gravity import ANCHOR_LIFE, move_anchor, place_anchor
+from satsep_ot.dynamics.integration import (
+    ALLOWED,
+    EIGHTH_ORDER,
+    FIRST,
+    FOURTH_ORDER,
+    NEW,
+    SECOND,
+    STAGE_NUMBER,
+    START,
+    K,
+    error_ratio,
+    finish,
+    full_step,
+    load,
+    stages,
+)
+from satsep_ot.dynamics.rigid_body import seat_motion, times
 from satsep_ot.dynamics.rotations import quaternion_from_rotation_vector, rotation_matrix_elements
-from satsep_ot.dynamics.separation import COMMON_SIZE, RECESS_DEPTH, RECESS_RADIUS, SPRING_SIZE, STOWED
+from satsep_ot.dynamics.separation import (
+    COMMON_SIZE,
+    FRICTION_COEFFICIENT,
+    PLATFORM,
+    RECESS_DEPTH,
+    RECESS_RADIUS,
+    SATELLITE,
+    SPRING_SIZE,
+    STOWED,
+    Status,
+)
+from satsep_ot.dynamics.springs import FRICTION, LINEAR, STRUT, TABLE, next_knot, table_law
 from satsep_ot.dynamics.system import (
+    ACTIVE,
+    ANCHOR,
+    ANCHOR_TIME,
     DEFORMATION,
     DELAY,
-    GUIDED,
+    DEPTH,
+    FORCE_LINE,
+    GRAVITY_LEVEL,
+    GUIDE_FRICTION,
     INVERSE_REDUCED_MASS,
+    LAW,
+    MARK_COLUMNS,
+    MU,
+    NO_GRAVITY,
+    PENDING,
+    PLANE_COLUMNS,
+    PLANE_NUMBER,
+    PLANES,
+    PLATFORM_CG,
+    PLATFORM_INERTIA,
+    PLATFORM_INVERSE_INERTIA,
+    POINT_COLUMNS,
+    POINT_NUMBER,
+    POINTS,
+    RADIUS,
     RELEASE_STROKE,
+    SATELLITE_CG,
+    SATELLITE_INERTIA,
+    SATELLITE_INVERSE_INERTIA,
+    SCALE,
+    SPRING_COLUMNS,
+    SPRING_MARKS,
+    SPRING_NUMBER,
+    SPRINGS,
     STATE_SIZE,
     STIFFNESS,
     STOWED_LENGTH,
+    integers,
 )
 
-MAXIMUM_STEPS = 500
+MAXIMUM_STEPS = 1000
 PENETRATION_LIMIT = 1e-3  # m
 
-# What ends a step.
-NOTHING, PUSH_STARTS, RELEASE = 0, 1, 2
+NOBODY = np.int64(-1)  # no spring
 
-# Status codes of satsep_ot.dynamics.separation.Status.
-OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PARAMETERS = range(7)
+# What ends a step.
+NOTHING, PUSH_STARTS, RELEASE = integers(0, 1, 2)
+
+# For the kernels, which take plain integers as constants.
+OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PARAMETERS, NO_SPRING = integers(*Status)
 
 # Where the smallest clearance is met.
-AT_START, INSIDE, AT_EXIT = 0, 1, 2
+AT_START, INSIDE, AT_EXIT = integers(0, 1, 2)
 
 
 @njit(**KERNEL)
@@ -76,96 +135,239 @@ def invert_inertia(p, k, c, at):
 
 
 @njit(**KERNEL)
-def prepare(p, orbit, force_line, c, springs, x):
-    """Turn a parameter vector into the constants c, the spring table and the initial state x.
+def place_springs(p, c, marks):
+    """Fill the spring table from the parameters.
 
-    Returns whether the parameters are physical, an upper estimate of the fastest frequency [rad/s], and the typical
-    separation velocity [m/s].
+    Returns whether they are physical, the sum of the stiffnesses, twice the stored energy, the squares of the longest
+    arms on both bodies, and the shortest release stroke and the largest deformation.
     """
-    valid = p[0] > 0.0 and p[10] > 0.0
+    stowed = p[STOWED]
+    valid = True
+    stiffness = 0.0
+    energy = 0.0
+    arm1 = 0.0
+    arm2 = 0.0
+    deformation = 0.0
+    shortest = np.inf
+    for i in range(marks[SPRING_NUMBER]):
+        q = COMMON_SIZE + SPRING_SIZE * i
+        k = SPRINGS + SPRING_COLUMNS * i
+        kind = marks[SPRING_MARKS + MARK_COLUMNS * i + LAW]
+        radius = p[q + 1]
+        stroke = p[q + 4]
+        scale = p[q + 7]
+        valid = valid and radius >= 0.0 and stroke > 0.0 and p[q + 6] >= 0.0 and scale >= 0.0
+        ca = math.cos(p[q])
+        sa = math.sin(p[q])
+        cb = math.cos(p[q + 5])
+        sb = math.sin(p[q + 5])
+        c[k + 6] = -sb * sa
+        c[k + 7] = cb
+        c[k + 8] = sb * ca
+        # A stowed strut lies along its (canted) guide: the platform's seat is recessed by l_0 n, the satellite raised
+        # by l_0 y.
+        c[k] = radius * ca - stowed * c[k + 6] - p[7]
+        c[k + 1] = stowed * (1.0 - cb) - p[8]
+        c[k + 2] = radius * sa - stowed * c[k + 8] - p[9]
+        c[k + 3] = radius * ca - p[17]
+        c[k + 4] = -p[18]
+        c[k + 5] = radius * sa - p[19]
+        c[k + STIFFNESS] = p[q + 2]
+        c[k + DEFORMATION] = p[q + 3]
+        c[k + DELAY] = p[q + 6]
+        c[k + SCALE] = scale
+        c[k + RELEASE_STROKE] = stroke
+        if kind == LINEAR:
+            valid = valid and p[q + 2] > 0.0 and p[q + 3] > 0.0
+            stroke = min(stroke, p[q + 3])
+            c[k + RELEASE_STROKE] = stroke
+            stiffness += scale * p[q + 2]
+            energy += scale * p[q + 2] * stroke * (2.0 * p[q + 3] - stroke)
+            deformation = max(deformation, p[q + 3])
+        elif kind != FRICTION:
+            # The chords of the table: slopes and work close enough for a step size and a typical velocity.
+            steepest = 0.0
+            for n in range(8):
+                z = stroke * n / 8.0
+                value, slope, _, _ = table_law(c, marks, i, z)
+                steepest = max(steepest, abs(slope))
+                energy += scale * 2.0 * abs(value) * stroke / 8.0
+            stiffness += scale * steepest
+            deformation = max(deformation, stroke)
+        shortest = min(shortest, stroke)
+        arm1 = max(arm1, c[k] ** 2 + c[k + 1] ** 2 + c[k + 2] ** 2)
+        arm2 = max(arm2, c[k + 3] ** 2 + c[k + 4] ** 2 + c[k + 5] ** 2)
+    return valid, stiffness, energy, arm1, arm2, shortest, deformation
+
+
+@njit(**KERNEL)
+def prepare(p, orbit, c, marks, x):
+    """Turn the parameter vector into the constants, the spring table and the initial state x.
+
+    Returns whether the parameters are physical, an upper estimate of the fastest frequency [rad/s], the typical
+    separation velocity [m/s], and the shortest stroke [m].
+    """
+    valid = p[0] > 0.0 and p[10] > 0.0 and p[FRICTION_COEFFICIENT] >= 0.0
     for n in range(p.shape[0]):
         valid = valid and math.isfinite(p[n])
     c[INVERSE_REDUCED_MASS] = 1.0 / p[0] + 1.0 / p[10]
-    valid = invert_inertia(p, 1, c, 1) and valid
-    valid = invert_inertia(p, 11, c, 19) and valid
+    valid = invert_inertia(p, PLATFORM + 1, c, PLATFORM_INERTIA) and valid
+    valid = invert_inertia(p, SATELLITE + 1, c, SATELLITE_INERTIA) and valid
     stowed = p[STOWED]
-    valid = valid and (stowed == 0.0 if force_line == GUIDED else stowed > 0.0)
+    valid = valid and (stowed > 0.0 if marks[FORCE_LINE] == STRUT else stowed == 0.0)
     c[STOWED_LENGTH] = stowed
-    for n in range(7):
-        c[38 + n] = orbit[n]
-    stiffness = energy = arm1 = arm2 = deformation = 0.0
-    for i in range(springs.shape[0]):
-        q = COMMON_SIZE + SPRING_SIZE * i
-        angle, radius, cant = p[q], p[q + 1], p[q + 5]
-        valid = valid and radius >= 0.0 and p[q + 2] > 0.0 and p[q + 3] > 0.0 and p[q + 4] > 0.0 and p[q + 6] >= 0.0
-        ca, sa, cb, sb = math.cos(angle), math.sin(angle), math.cos(cant), math.sin(cant)
-        springs[i, 6], springs[i, 7], springs[i, 8] = -sb * sa, cb, sb * ca
-        # A stowed strut lies along its (canted) guide: the platform's seat is recessed by l_0 n, the satellite raised
-        # by l_0 y.
-        springs[i, 0] = radius * ca - stowed * springs[i, 6] - p[7]
-        springs[i, 1] = stowed * (1.0 - cb) - p[8]
-        springs[i, 2] = radius * sa - stowed * springs[i, 8] - p[9]
-        springs[i, 3], springs[i, 4], springs[i, 5] = radius * ca - p[17], -p[18], radius * sa - p[19]
-        springs[i, STIFFNESS], springs[i, DEFORMATION] = p[q + 2], p[q + 3]
-        springs[i, RELEASE_STROKE], springs[i, DELAY] = min(p[q + 4], p[q + 3]), p[q + 6]
-        stiffness += p[q + 2]
-        energy += p[q + 2] * springs[i, RELEASE_STROKE] * (p[q + 3] - 0.5 * springs[i, RELEASE_STROKE])
-        deformation = max(deformation, p[q + 3])
-        arm1 = max(arm1, springs[i, 0] ** 2 + springs[i, 1] ** 2 + springs[i, 2] ** 2)
-        arm2 = max(arm2, springs[i, 3] ** 2 + springs[i, 4] ** 2 + springs[i, 5] ** 2)
-    a, b, d, e = quaternion_from_rotation_vector(p[23], p[24], p[25])
-    r = rotation_matrix_elements(a, b, d, e)
-    x[0] = r[0] * p[17] + r[1] * p[18] + r[2] * p[19] - p[7]
-    x[1] = r[3] * p[17] + r[4] * p[18] + r[5] * p[19] - p[8] + stowed
-    x[2] = r[6] * p[17] + r[7] * p[18] + r[8] * p[19] - p[9]
-    x[6], x[7], x[8] = p[20], p[21], p[22]
-    x[3], x[4], x[5] = x[7] * x[2] - x[8] * x[1], x[8] * x[0] - x[6] * x[2], x[6] * x[1] - x[7] * x[0]
-    x[9] = r[0] * x[6] + r[3] * x[7] + r[6] * x[8]
-    x[10] = r[1] * x[6] + r[4] * x[7] + r[7] * x[8]
-    x[11] = r[2] * x[6] + r[5] * x[7] + r[8] * x[8]
-    x[12], x[13], x[14], x[15] = a, b, d, e
+    c[GUIDE_FRICTION] = p[FRICTION_COEFFICIENT]
+    for n in range(3):
+        c[PLATFORM_CG + n] = p[7 + n]
+        c[SATELLITE_CG + n] = p[17 + n]
+    c[RADIUS] = p[RECESS_RADIUS]
+    c[DEPTH] = p[RECESS_DEPTH]
+    for n in range(marks[PLANE_NUMBER]):
+        c[marks[PLANES] + PLANE_COLUMNS * n + 3] = p[COMMON_SIZE + SPRING_SIZE * marks[SPRING_NUMBER] + n]
+    if marks[GRAVITY_LEVEL] != NO_GRAVITY:
+        c[MU] = orbit[0]
+        c[ANCHOR_TIME] = 0.0
+        for n in range(6):
+            c[ANCHOR + n] = orbit[1 + n]
+        place_anchor(c)
+    physical, stiffness, energy, arm1, arm2, shortest, deformation = place_springs(p, c, marks)
+    q0, q1, q2, q3 = quaternion_from_rotation_vector(p[23], p[24], p[25])
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(q0, q1, q2, q3)
+    # The satellite's CG from the ring centre, in platform axes.
+    ux = r00 * p[17] + r01 * p[18] + r02 * p[19]
+    uy = r10 * p[17] + r11 * p[18] + r12 * p[19]
+    uz = r20 * p[17] + r21 * p[18] + r22 * p[19]
+    dx = ux - p[7]
+    dy = uy - p[8] + stowed
+    dz = uz - p[9]
+    # Bolts or clamp band: Delta p at the ring centre and Delta h on the satellite, the opposite on the platform.
+    ix = p[29]
+    iy = p[30]
+    iz = p[31]
+    x[0] = dx
+    x[1] = dy
+    x[2] = dz
+    x[3] = p[21] * dz - p[22] * dy + c[INVERSE_REDUCED_MASS] * ix
+    x[4] = p[22] * dx - p[20] * dz + c[INVERSE_REDUCED_MASS] * iy
+    x[5] = p[20] * dy - p[21] * dx + c[INVERSE_REDUCED_MASS] * iz
+    # The moments about both CGs of the impulse at the ring centre, whose arms are -u and -c_1 (the stowed length of a
+    # strut lies along y between the two ring centres; the impulse acts at the satellite's).
+    hx = p[32] - uy * iz + uz * iy
+    hy = p[33] - uz * ix + ux * iz
+    hz = p[34] - ux * iy + uy * ix
+    kx = r00 * hx + r10 * hy + r20 * hz
+    ky = r01 * hx + r11 * hy + r21 * hz
+    kz = r02 * hx + r12 * hy + r22 * hz
+    gx, gy, gz = times(c, SATELLITE_INVERSE_INERTIA, kx, ky, kz)
+    x[9] = r00 * p[20] + r10 * p[21] + r20 * p[22] + gx
+    x[10] = r01 * p[20] + r11 * p[21] + r21 * p[22] + gy
+    x[11] = r02 * p[20] + r12 * p[21] + r22 * p[22] + gz
+    hx = -p[32] + p[8] * iz - p[9] * iy - stowed * iz
+    hy = -p[33] + p[9] * ix - p[7] * iz
+    hz = -p[34] + p[7] * iy - p[8] * ix + stowed * ix
+    gx, gy, gz = times(c, PLATFORM_INVERSE_INERTIA, hx, hy, hz)
+    x[6] = p[20] + gx
+    x[7] = p[21] + gy
+    x[8] = p[22] + gz
+    x[12] = q0
+    x[13] = q1
+    x[14] = q2
+    x[15] = q3
     lever1 = arm1 * max(c[10], c[14], c[18])
     lever2 = arm2 * max(c[28], c[32], c[36])
     square = stiffness * (c[INVERSE_REDUCED_MASS] + lever1 + lever2)
-    if force_line != GUIDED:
+    if marks[FORCE_LINE] == STRUT:
         square *= max(1.0, deformation / stowed)
-    square += p[20] ** 2 + p[21] ** 2 + p[22] ** 2
-    return valid, math.sqrt(square), math.sqrt(2.0 * energy * c[INVERSE_REDUCED_MASS])
+    for n in range(6, 12):
+        square += x[n] * x[n]
+    if marks[POINT_NUMBER] > 0:
+        physical = physical and c[RADIUS] >= 0.0 and c[DEPTH] > 0.0
+    return valid and physical, math.sqrt(square), math.sqrt(energy * c[INVERSE_REDUCED_MASS]), shortest
 
 
 @njit(**KERNEL)
-def point_motion(x, system, i):
-    """Position of envelope point i from the platform's ring centre and its velocity, in platform axes."""
-    p = system.parameters
+def point_motion(x, c, marks, i, out):
+    """Write the position of envelope point i from the platform's ring centre and its velocity into out[0:6]."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    u, v, w = system.points[i, 0] - p[17], system.points[i, 1] - p[18], system.points[i, 2] - p[19]
-    ax, ay, az = (
-        x[0] + r00 * u + r01 * v + r02 * w,
-        x[1] + r10 * u + r11 * v + r12 * w,
-        x[2] + r20 * u + r21 * v + r22 * w,
+    k = marks[POINTS] + POINT_COLUMNS * i
+    u = c[k] - c[SATELLITE_CG]
+    v = c[k + 1] - c[SATELLITE_CG + 1]
+    w = c[k + 2] - c[SATELLITE_CG + 2]
+    ax = x[0] + r00 * u + r01 * v + r02 * w
+    ay = x[1] + r10 * u + r11 * v + r12 * w
+    az = x[2] + r20 * u + r21 * v + r22 * w
+    bx = x[10] * w - x[11] * v
+    by = x[11] * u - x[9] * w
+    bz = x[9] * v - x[10] * u
+    out[0] = ax + c[PLATFORM_CG]
+    out[1] = ay + c[PLATFORM_CG + 1]
+    out[2] = az + c[PLATFORM_CG + 2]
+    out[3] = x[3] + r00 * bx + r01 * by + r02 * bz - (x[7] * az - x[8] * ay)
+    out[4] = x[4] + r10 * bx + r11 * by + r12 * bz - (x[8] * ax - x[6] * az)
+    out[5] = x[5] + r20 * bx + r21 * by + r22 * bz - (x[6] * ay - x[7] * ax)
+
+
+@njit(**INLINE)
+def wall_clearance(c, marks, wall, point):
+    """Clearance of a point (position and velocity, 6 numbers) from a wall, and how fast it shrinks.
+
+    Wall 0 is the cylinder, if there is one; the planes follow.
+    """
+    if wall == 0:
+        radius = c[RADIUS]
+        rho = math.sqrt(point[0] * point[0] + point[2] * point[2])
+        if radius == 0.0:
+            return np.inf, 0.0
+        return radius - rho, (point[0] * point[3] + point[2] * point[5]) / max(rho, 1e-300)
+    k = marks[PLANES] + PLANE_COLUMNS * (wall - 1)
+    nx = c[k]
+    ny = c[k + 1]
+    nz = c[k + 2]
+    return (
+        nx * point[0] + ny * point[1] + nz * point[2] - c[k + 3],
+        -(nx * point[3] + ny * point[4] + nz * point[5]),
     )
-    bx, by, bz = x[10] * w - x[11] * v, x[11] * u - x[9] * w, x[9] * v - x[10] * u
-    vx = x[3] + r00 * bx + r01 * by + r02 * bz - (x[7] * az - x[8] * ay)
-    vy = x[4] + r10 * bx + r11 * by + r12 * bz - (x[8] * ax - x[6] * az)
-    vz = x[5] + r20 * bx + r21 * by + r22 * bz - (x[6] * ay - x[7] * ax)
-    return ax + p[7], ay + p[8], az + p[9], vx, vy, vz
 
 
 @njit(**KERNEL)
-def release_prediction(s, rate, acceleration, stroke, square):
-    """Time until the stroke is reached [s], from harmonic motion of squared frequency `square` to fifth order."""
+def nearest_wall(c, marks, point):
+    """Smallest clearance of a point (position first), and the wall that it is from."""
+    best = np.inf
+    which = 0
+    for wall in range(marks[PLANE_NUMBER] + 1):
+        clearance, _ = wall_clearance(c, marks, wall, point)
+        if clearance < best:
+            best = clearance
+            which = wall
+    return best, which
+
+
+@njit(**INLINE)
+def first_estimate(s, rate, acceleration, stroke):
+    """Time until the stroke is reached [s] at constant acceleration; infinity where it never is."""
     gap = stroke - s
     if gap <= 0.0:
         return 0.0
-    h = (
-        gap / max(rate, 1e-300)
-        if acceleration <= 0.0
-        else (math.sqrt(rate * rate + 2.0 * acceleration * gap) - rate) / acceleration
-    )
-    if not h < 10.0 / math.sqrt(square):
+    square = rate * rate + 2.0 * acceleration * gap
+    if square <= 0.0:
         return np.inf
-    # s + rate sin(w h) / w + acceleration (1 - cos(w h)) / w^2, by its series.
-    a3, a4, a5 = -square * rate / 6.0, -square * acceleration / 24.0, square * square * rate / 120.0
+    # Free of cancellation for both signs of the acceleration.
+    speed = rate + math.sqrt(square)
+    return 2.0 * gap / speed if speed > 0.0 else np.inf
+
+
+@njit(**KERNEL)
+def refined_estimate(h, s, rate, acceleration, stroke, square):
+    """The same from harmonic motion of squared frequency `square`, to fifth order, starting at h.
+
+    That is s + rate sin(w h) / w + acceleration (1 - cos(w h)) / w^2, by its series.
+    """
+    gap = stroke - s
+    if not 0.0 < h < 10.0 / math.sqrt(square):
+        return h
+    a3 = -square * rate / 6.0
+    a4 = -square * acceleration / 24.0
+    a5 = square * square * rate / 120.0
     for _ in range(6):
         value = h * (rate + h * (0.5 * acceleration + h * (a3 + h * (a4 + h * a5)))) - gap
         slope = rate + h * (acceleration + h * (3.0 * a3 + h * (4.0 * a4 + h * 5.0 * a5)))
@@ -179,56 +381,49 @@ def release_prediction(s, rate, acceleration, stroke, square):
 
 
 @njit(**KERNEL)
-def reached_release(x, system, k, expected):
-    """The spring that reached its stroke first at or before x (or the one expected to), and the time from x to that."""
-    spring, time = -1, np.inf
-    for i in range(system.springs.shape[0]):
-        if system.active[i]:
-            s, rate, _ = seat_motion(x, k, 0, system, i)
-            gap = system.springs[i, RELEASE_STROKE] - s
-            if (gap <= 0.0 or i == expected) and rate > 0.0 and gap / rate < time:
-                spring, time = i, gap / rate
+def reached_release(w, slope, c, marks, expected):
+    """The spring that reached its stroke first at or before the state w[NEW:] (or the one expected to).
+
+    Returns it, or -1, and the time from there to that; only rates matter, so any slope serves.
+    """
+    spring = NOBODY
+    time = np.inf
+    for i in range(marks[SPRING_NUMBER]):
+        if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+            s, rate, _ = seat_motion(w, NEW, slope, c, marks, i)
+            gap = c[SPRINGS + SPRING_COLUMNS * i + RELEASE_STROKE] - s
+            if (gap <= 0.0 or i == expected) and rate > 0.0 and gap < time * rate:
+                spring = i
+                time = gap / rate
     return spring, time
 
 
 @njit(**KERNEL)
-def settle_on_release(t, x, system, work, spring, time, frequency):
-    """Correct the state x at t by short steps until the first spring is exactly at its stroke.
+def settle_on_release(t, w, c, marks, spring, time, frequency):
+    """Correct the state w[NEW:] at t by short steps until the first spring is exactly at its stroke.
 
     Returns that spring and the total correction [s].
     """
     total = 0.0
     for _ in range(6):
+        for n in range(STATE_SIZE):
+            w[n] = w[NEW + n]
         if abs(time) * frequency < 1e-4:
-            # Short enough for the midpoint rule to be exact (1e-13), and for its slope to take up the remaining gap.
-            derivative(t + total, x, work.k, 0, system)
-            for n in range(STATE_SIZE):
-                work.y[0, n] = x[n] + 0.5 * time * work.k[0, n]
-            derivative(t + total + 0.5 * time, work.y[0], work.k, 1, system)
+            # Short enough for the midpoint rule (1e-13), or for a straight line; its slope takes up the remaining gap.
+            number = FIRST + (2 if abs(time) * frequency > 1e-6 else 1)
+            stages(FIRST, number, FOURTH_ORDER, t + total, time, w, c, marks)
+            slope = K + (number - 1) * STATE_SIZE
             for _ in range(2):
                 for n in range(STATE_SIZE):
-                    x[n] += time * work.k[1, n]
+                    w[NEW + n] += time * w[slope + n]
                 total += time
-                spring, time = reached_release(x, system, work.k, spring)
+                spring, time = reached_release(w, slope, c, marks, spring)
             return spring, total
-        full_step(FOURTH_ORDER, t + total, x, time, work, system, x)
+        stages(FIRST, STAGE_NUMBER[FOURTH_ORDER], FOURTH_ORDER, t + total, time, w, c, marks)
+        finish(FOURTH_ORDER, time, w)
         total += time
-        spring, time = reached_release(x, system, work.k, spring)
+        spring, time = reached_release(w, K, c, marks, spring)
     return spring, total
-
-
-@njit(**KERNEL)
-def locate_exit(t, x, h, system, work, i, short, out):
-    """Step from x to the instant near t + h at which point i leaves the recess; returns the length of that step [s]."""
-    for _ in range(8):
-        full_step(FOURTH_ORDER if abs(h) <= short else EIGHTH_ORDER, t, x, h, work, system, out)
-        _, ay, _, _, vy, _ = point_motion(out, system, i)
-        change = (system.parameters[RECESS_DEPTH] - ay) / vy
-        h += change
-        if abs(change) < 1e-10:
-            # At lateral velocities of 0.1 m/s this is 1e-11 m of clearance.
-            break
-    return h
 
 
 class Follow(NamedTuple):
@@ -242,82 +437,121 @@ class Follow(NamedTuple):
     clearance: np.ndarray  # clearance at the exit [m] (E,)
     closest_x: np.ndarray  # state at the smallest clearance (STATE_SIZE,)
     closest: np.ndarray  # [clearance, point, AT_START | INSIDE | AT_EXIT, step, length of the step to it]
+    start: np.ndarray  # position and velocity of each point where the step starts (E, 6)
+    room: np.ndarray  # the same of one point (6,)
+    room_x: np.ndarray  # a state (STATE_SIZE,)
+
+
+@njit(**INLINE)
+def step_method(h, short):
+    """The Runge-Kutta method for a step of length h."""
+    return FOURTH_ORDER if abs(h) <= short else EIGHTH_ORDER
 
 
 @njit(**KERNEL)
-def follow_points(step, tape, system, work, follow, short, room):
+def locate_exit(step, tape, h, w, c, marks, follow, i, short):
+    """Find and keep the instant at which point i leaves the recess, which it did in `step`, at about its time h.
+
+    Reached by one step from the nearer end of `step`.
+    """
+    depth = c[DEPTH]
+    base = step
+    t = tape.t[step]
+    if h > 0.5 * tape.h[step]:
+        base = step + 1
+        t += tape.h[step]
+        h -= tape.h[step]
+    x = follow.x[i]
+    for _ in range(8):
+        full_step(step_method(h, short), t, tape.x[base], h, w, c, marks, x)
+        point_motion(x, c, marks, i, follow.room)
+        change = (depth - follow.room[1]) / follow.room[4]
+        h += change
+        if abs(change) < 1e-10:
+            # At lateral velocities of 0.1 m/s this is 1e-11 m of clearance.
+            break
+    follow.step[i] = step
+    follow.base[i] = base
+    follow.h[i] = h
+    follow.method[i] = step_method(h, short)
+    follow.clearance[i], _ = nearest_wall(c, marks, follow.room)
+    note_clearance(follow, follow.clearance[i], i, AT_EXIT, step, h, x)
+    return h if base == step else h + tape.h[step]
+
+
+@njit(**KERNEL)
+def look_inside(step, tape, end, growth, shrinkage, w, c, marks, follow, i, wall, short):
+    """Find and note the smallest clearance of point i from a wall within `step`, before its time `end`."""
+    length = end * growth / (growth - shrinkage)
+    for turn in range(5):
+        full_step(step_method(length, short), tape.t[step], tape.x[step], length, w, c, marks, follow.room_x)
+        point_motion(follow.room_x, c, marks, i, follow.room)
+        clearance, value = wall_clearance(c, marks, wall, follow.room)
+        if turn == 4:
+            note_clearance(follow, clearance, i, INSIDE, step, length, follow.room_x)
+        # Regula falsi on how fast it shrinks: its root only needs to be as good as the clearance, 1e-6 m.
+        elif value > 0.0:
+            length += (end - length) * value / (value - shrinkage)
+        else:
+            length *= growth / (growth - value)
+
+
+@njit(**KERNEL)
+def follow_points(step, tape, w, c, marks, follow, short):
     """Look at the step just taken: points that left the recess in it, and clearances that were smallest within it.
 
     Returns how many points left.
     """
-    t, h, x, new = tape.t[step], tape.h[step], tape.x[step], tape.x[step + 1]
-    depth, radius = system.parameters[RECESS_DEPTH], system.parameters[RECESS_RADIUS]
+    h = tape.h[step]
+    depth = c[DEPTH]
     left = 0
-    for i in range(system.points.shape[0]):
+    for i in range(marks[POINT_NUMBER]):
         if follow.step[i] >= 0:
             continue
-        ax, ay, az, vx, vy, vz = point_motion(x, system, i)
-        bx, by, bz, ux, uy, uz = point_motion(new, system, i)
-        end, exits = h, False
-        if by >= depth:
-            exits = True
-            # The crossing on the cubic through both ends, then located by steps from the nearer end.
+        start = follow.start[i]
+        point_motion(tape.x[step + 1], c, marks, i, follow.room)
+        end = h
+        exits = follow.room[1] >= depth
+        if exits:
+            # The crossing on the cubic through both ends.
             z = 1.0
             if h > 0.0:
+                rise = follow.room[1] - start[1]
+                slope0 = h * start[4]
+                bend = 3.0 * rise - 2.0 * slope0 - h * follow.room[4]
+                twist = slope0 + h * follow.room[4] - 2.0 * rise
                 for _ in range(20):
-                    value = _cubic(z, ay, h * vy, by, h * uy) - depth
-                    slope = (_cubic(z + 1e-6, ay, h * vy, by, h * uy) - depth - value) * 1e6
+                    value = start[1] + z * (slope0 + z * (bend + z * twist)) - depth
+                    slope = slope0 + z * (2.0 * bend + z * 3.0 * twist)
                     if not slope > 0.0:
                         break
                     z = min(max(z - value / slope, 0.0), 1.0)
-            base = step if z < 0.5 else step + 1
-            start = t if base == step else t + h
-            length = locate_exit(
-                start, tape.x[base], z * h if base == step else (z - 1.0) * h, system, work, i, short, follow.x[i]
-            )
-            bx, by, bz, ux, uy, uz = point_motion(follow.x[i], system, i)
-            follow.step[i], follow.base[i], follow.h[i] = step, base, length
-            follow.method[i] = FOURTH_ORDER if abs(length) <= short else EIGHTH_ORDER
-            follow.clearance[i] = radius - math.sqrt(bx * bx + bz * bz)
-            end = length if base == step else h + length
+                    if abs(value) < 1e-9:
+                        break
+            end = locate_exit(step, tape, z * h, w, c, marks, follow, i, short)
             left += 1
-        # d(rho^2)/dt / 2 changes from growing to shrinking: the point was nearest to the wall in between.
-        growth, shrinkage = ax * vx + az * vz, bx * ux + bz * uz
-        # Worth a look only where the straight line from the start of the step would come closer than anything so far.
-        start_radius = math.sqrt(ax * ax + az * az)
-        nearest = radius - start_radius - max(growth, 0.0) * end / start_radius
-        if growth > 0.0 and shrinkage < 0.0 and nearest < follow.closest[0] - 1e-9:
-            length = end * growth / (growth - shrinkage)
-            for _ in range(4):
-                full_step(FOURTH_ORDER if length <= short else EIGHTH_ORDER, t, x, length, work, system, room)
-                cx, _, cz, wx, _, wz = point_motion(room, system, i)
-                value = cx * wx + cz * wz
-                # Regula falsi on the growth of rho^2: its root only needs to be as good as the clearance, 1e-6 m.
-                if value > 0.0:
-                    length += (end - length) * value / (value - shrinkage)
-                else:
-                    length *= growth / (growth - value)
-            full_step(FOURTH_ORDER if length <= short else EIGHTH_ORDER, t, x, length, work, system, room)
-            cx, _, cz, _, _, _ = point_motion(room, system, i)
-            note_clearance(follow, radius - math.sqrt(cx * cx + cz * cz), i, INSIDE, step, length, room)
-        if exits:
-            note_clearance(follow, follow.clearance[i], i, AT_EXIT, step, follow.h[i], follow.x[i])
+        for wall in range(marks[PLANE_NUMBER] + 1):
+            # It shrank at the start and grows at the end: the point was nearest to the wall in between. Worth a look
+            # only where the straight line from the start of the step comes closer than anything so far.
+            clearance, growth = wall_clearance(c, marks, wall, start)
+            _, shrinkage = wall_clearance(c, marks, wall, follow.room)
+            if growth > 0.0 and shrinkage < 0.0 and clearance - growth * end < follow.closest[0] - 1e-9:
+                look_inside(step, tape, end, growth, shrinkage, w, c, marks, follow, i, wall, short)
+                point_motion(follow.x[i] if exits else tape.x[step + 1], c, marks, i, follow.room)
+        for n in range(6):
+            start[n] = follow.room[n]
     return left
-
-
-@njit(**KERNEL)
-def _cubic(z, value0, slope0, value1, slope1):
-    """The Hermite cubic on [0, 1]."""
-    rise = value1 - value0
-    return value0 + z * (slope0 + z * (3.0 * rise - 2.0 * slope0 - slope1 + z * (slope0 + slope1 - 2.0 * rise)))
 
 
 @njit(**KERNEL)
 def note_clearance(follow, clearance, point, kind, step, h, x):
     """Keep the smallest clearance so far and where it was met."""
     if clearance < follow.closest[0]:
-        follow.closest[0], follow.closest[1], follow.closest[2] = clearance, point, kind
-        follow.closest[3], follow.closest[4] = step, h
+        follow.closest[0] = clearance
+        follow.closest[1] = point
+        follow.closest[2] = kind
+        follow.closest[3] = step
+        follow.closest[4] = h
         for n in range(STATE_SIZE):
             follow.closest_x[n] = x[n]
 
@@ -334,140 +568,226 @@ class Tape(NamedTuple):
 
 
 @njit(**KERNEL)
-def run(orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time, stop_x):
+def start_push(spring, marks):
+    """Let a spring push; friction acts from the first push on."""
+    for i in range(marks[SPRING_NUMBER]):
+        m = SPRING_MARKS + MARK_COLUMNS * i
+        if i == spring or (marks[m + LAW] == FRICTION and marks[m + PENDING]):
+            marks[m + ACTIVE] = 1
+            marks[m + PENDING] = 0
+
+
+@njit(**KERNEL)
+def start_springs(c, marks, release_time):
+    """Which springs push at t = 0; returns how many are to be released and how many push.
+
+    A scale of 0 is a spring that has failed: it takes no part.
+    """
+    number = 0
+    pushers = 0
+    for i in range(marks[SPRING_NUMBER]):
+        k = SPRINGS + SPRING_COLUMNS * i
+        m = SPRING_MARKS + MARK_COLUMNS * i
+        release_time[i] = np.nan
+        marks[m + ACTIVE] = 0
+        marks[m + PENDING] = 0
+        if c[k + SCALE] > 0.0:
+            number += 1
+            marks[m + PENDING] = 1
+            if marks[m + LAW] == FRICTION:
+                # Never the next push to start: it follows the first one.
+                c[k + DELAY] = np.inf
+            else:
+                pushers += 1
+    for i in range(marks[SPRING_NUMBER]):
+        if marks[SPRING_MARKS + MARK_COLUMNS * i + PENDING] and c[SPRINGS + SPRING_COLUMNS * i + DELAY] <= 0.0:
+            start_push(i, marks)
+    return number, pushers
+
+
+@njit(**KERNEL)
+def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow, release_time, stop_x):
     """Simulate one run; returns (status, number of steps, index of the tape state at the last release).
 
-    `system.active`, `work`, `tape`, `follow`, `release_time` (N,) and `stop_x` (len(stops), STATE_SIZE) are written.
+    `c`, `marks`, `tape`, `follow`, `release_time` (N,) and `stop_x` (len(stops), STATE_SIZE) are written.
     """
-    springs, active, p = system.springs, system.active, system.parameters
+    gravity = marks[GRAVITY_LEVEL] != NO_GRAVITY
+    spring_number = marks[SPRING_NUMBER]
     x = tape.x[0]
-    x[16], x[17], x[18], x[19] = attitude[0], attitude[1], attitude[2], attitude[3]
-    valid, frequency, velocity = prepare(p, orbit, system.force_line, system.c, springs, x)
-    inside = system.points.shape[0]
-    if not valid or (inside > 0 and not (p[RECESS_RADIUS] > 0.0 and p[RECESS_DEPTH] > 0.0)):
+    for n in range(4):
+        x[16 + n] = attitude[n]
+    valid, frequency, velocity, stroke = prepare(p, orbit, c, marks, x)
+    if not valid:
         return INVALID_PARAMETERS, 0, 0
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
-    short = (0.6 * tolerance) ** 0.2 / frequency
-    h_next = 2.0 * tolerance**0.125 / frequency
-    stroke = springs[0, RELEASE_STROKE]
-    to_release = springs.shape[0]
-    for i in range(to_release):
-        stroke = min(stroke, springs[i, RELEASE_STROKE])
-        active[i] = springs[i, DELAY] <= 0.0
-        pending[i] = not active[i]
-        release_time[i] = np.nan
+    short = (2.0 * tolerance) ** 0.2 / frequency
+    h_next = 4.0 * tolerance**0.125 / frequency
+    number, pushers = start_springs(c, marks, release_time)
+    to_release = number
+    if pushers == 0:
+        return NO_SPRING, 0, 0
+    inside = marks[POINT_NUMBER]
     follow.closest[0] = np.inf
     for i in range(inside):
         follow.step[i] = -1
-        ax, _, az, _, _, _ = point_motion(x, system, i)
-        note_clearance(follow, p[RECESS_RADIUS] - math.sqrt(ax * ax + az * az), i, AT_START, 0, 0.0, x)
-    stop, last, step, t = 0, 0, 0, 0.0
+        point_motion(x, c, marks, i, follow.start[i])
+        clearance, _ = nearest_wall(c, marks, follow.start[i])
+        note_clearance(follow, clearance, i, AT_START, FIRST, 0.0, x)
+    stop = FIRST
+    last = FIRST
+    step = FIRST
+    t = 0.0
     tape.t[0] = 0.0
     while to_release > 0 or inside > 0 or stop < stops.shape[0]:
         if step >= MAXIMUM_STEPS:
             return TOO_MANY_STEPS, step, last
-        x, new = tape.x[step], tape.x[step + 1]
+        x = tape.x[step]
         # The next instant that no step may cross: the start of a push, the horizon, the end.
-        boundary, event, which = np.inf, NOTHING, -1
+        boundary = np.inf
+        event = NOTHING
+        which = NOBODY
         if to_release > 0 or inside > 0:
             if t >= horizon:
                 return NO_RELEASE if to_release > 0 else NO_EXIT, step, last
             boundary = horizon
-        for i in range(pending.shape[0]):
-            if pending[i] and springs[i, DELAY] < boundary:
-                boundary, event, which = springs[i, DELAY], PUSH_STARTS, i
+        for i in range(spring_number):
+            delay = c[SPRINGS + SPRING_COLUMNS * i + DELAY]
+            if marks[SPRING_MARKS + MARK_COLUMNS * i + PENDING] and delay < boundary:
+                boundary = delay
+                event = PUSH_STARTS
+                which = i
         if boundary == np.inf:
             boundary = stops[-1]
         limit = boundary - t  # a correction onto a release may have passed the boundary by less than a short step
+        if gravity and t - c[ANCHOR_TIME] > 0.5 * ANCHOR_LIFE:
+            move_anchor(t, c)
         # The next release, predicted from the slope here.
-        derivative(t, x, work.k, 0, system)
+        load(x, w)
+        stages(FIRST, SECOND, EIGHTH_ORDER, t, 0.0, w, c, marks)
+        target = np.inf
+        knot_time = np.inf
+        expected = NOBODY
         square = 0.0
-        for i in range(active.shape[0]):
-            if active[i]:
-                square += springs[i, STIFFNESS] * system.c[INVERSE_REDUCED_MASS]
-        target, expected = np.inf, -1
-        for i in range(active.shape[0]):
-            if active[i]:
-                s, rate, acceleration = seat_motion(x, work.k, 0, system, i)
+        nearest_s = 0.0
+        nearest_rate = 0.0
+        nearest_acceleration = 0.0
+        for i in range(spring_number):
+            if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+                k = SPRINGS + SPRING_COLUMNS * i
+                s, rate, acceleration = seat_motion(w, START, K, c, marks, i)
                 if s < -PENETRATION_LIMIT:
                     return PENETRATION, step, last
-                time = release_prediction(s, rate, acceleration, springs[i, RELEASE_STROKE], square)
+                square += c[k + SCALE] * c[k + STIFFNESS] * c[INVERSE_REDUCED_MASS]
+                if marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == TABLE:
+                    # The force bends at a knot of its table: steps that end there keep their order.
+                    knot = next_knot(c, marks, i, s + 1e-7)
+                    knot_time = min(knot_time, first_estimate(s, rate, acceleration, knot))
+                time = first_estimate(s, rate, acceleration, c[k + RELEASE_STROKE])
                 if time < target:
-                    target, expected = time, i
+                    target = time
+                    expected = i
+                    nearest_s = s
+                    nearest_rate = rate
+                    nearest_acceleration = acceleration
+        if expected >= 0 and target > 1e-15 and target < limit and target < 2.0 * h_next and square > 0.0:
+            release_stroke = c[SPRINGS + SPRING_COLUMNS * expected + RELEASE_STROKE]
+            target = refined_estimate(target, nearest_s, nearest_rate, nearest_acceleration, release_stroke, square)
         if target > 1e-15:
             h = h_next
             if to_release == 0 and inside > 0:
                 # Coasting: end the step where the last point is about to leave the recess.
                 ahead = 0.0
-                for i in range(follow.step.shape[0]):
+                for i in range(marks[POINT_NUMBER]):
                     if follow.step[i] < 0:
-                        _, ay, _, _, vy, _ = point_motion(x, system, i)
-                        ahead = max(ahead, (p[RECESS_DEPTH] - ay) / vy) if vy > 0.0 else np.inf
+                        y_rate = follow.start[i, 4]
+                        ahead = max(ahead, (c[DEPTH] - follow.start[i, 1]) / y_rate) if y_rate > 0.0 else np.inf
                 h = min(h, 1.0001 * ahead + 1e-9)
+            h = min(h, knot_time)
+            if gravity:
+                h = min(h, 0.5 * ANCHOR_LIFE)
             for n in range(3):
-                work.scale[n] = tolerance * stroke
-                work.scale[3 + n] = tolerance * (velocity + abs(x[3 + n]))
-                work.scale[6 + n] = tolerance * (1e-3 + abs(x[6 + n]))
-                work.scale[9 + n] = tolerance * (1e-3 + abs(x[9 + n]))
+                w[ALLOWED + n] = tolerance * stroke
+                w[ALLOWED + 3 + n] = tolerance * (velocity + abs(x[3 + n]))
+                w[ALLOWED + 6 + n] = tolerance * (1e-3 + abs(x[6 + n]))
+                w[ALLOWED + 9 + n] = tolerance * (1e-3 + abs(x[9 + n]))
             for n in range(12, STATE_SIZE):
-                work.scale[n] = tolerance
+                w[ALLOWED + n] = tolerance
             landing = target < limit and target <= 1.3 * h
             h = target if landing else min(h, limit)
+            if short < h <= 2.0 * short:
+                # Two short steps cost less than a long one.
+                h *= 0.5
+                landing = False
             attempt = 0
             while True:
                 attempt += 1
                 if attempt > 40:
                     return STEP_UNDERFLOW, step, last
-                method = FOURTH_ORDER if h <= short else EIGHTH_ORDER
-                stages(method, t, x, h, work, system)
+                method = step_method(h, short)
+                stages(SECOND, STAGE_NUMBER[method], method, t, h, w, c, marks)
                 if method == EIGHTH_ORDER:
-                    ratio = error_ratio(h, work)
+                    ratio = error_ratio(h, w)
                     if not ratio <= 1.0:
                         h *= max(0.2, 0.9 * ratio**-0.125) if ratio < 1e30 else 0.2
-                        h_next, landing = h, False
+                        h_next = h
+                        landing = False
                         continue
                     suggestion = h * (min(6.0, 0.9 * ratio**-0.125) if ratio > 0.0 else 6.0)
                     h_next = suggestion if h >= h_next else max(h_next, suggestion)
-                finish(method, h, work, new)
-                spring, time = reached_release(new, system, work.k, expected if landing else -1)
+                finish(method, h, w)
+                spring, time = reached_release(w, K, c, marks, expected if landing else NOBODY)
                 if spring < 0 or time > short:
                     # No release in this step (or it is later than predicted: the next step lands).
                     if h < limit:
-                        event, which = NOTHING, -1
+                        event = NOTHING
+                        which = NOBODY
                     break
                 if time < -short:
-                    h, landing, expected = h + time, True, spring
+                    h += time
+                    landing = True
+                    expected = spring
                     continue
                 event = RELEASE
-                which, time = settle_on_release(t + h, new, system, work, spring, time, frequency)
+                which, time = settle_on_release(t + h, w, c, marks, spring, time, frequency)
                 h += time
                 break
-        elif expected >= 0:
+        else:
             # Springs that reach their stroke at the same instant follow each other in steps of no length.
-            h, method, event, which = 0.0, FOURTH_ORDER, RELEASE, expected
-            new[:] = x
-        tape.h[step], tape.method[step], tape.event[step], tape.spring[step] = h, method, event, which
+            h = 0.0
+            method = FOURTH_ORDER
+            event = RELEASE
+            which = expected
+            for n in range(STATE_SIZE):
+                w[NEW + n] = x[n]
+        new = tape.x[step + 1]
+        for n in range(STATE_SIZE):
+            new[n] = w[NEW + n]
+        tape.h[step] = h
+        tape.method[step] = method
+        tape.event[step] = event
+        tape.spring[step] = which
         if inside > 0:
-            inside -= follow_points(step, tape, system, work, follow, short, stop_x[stops.shape[0]])
+            inside -= follow_points(step, tape, w, c, marks, follow, short)
         while stop < stops.shape[0] and stops[stop] <= t + h:
             # A time asked for is reached by a step of its own, so that the chain does not depend on it.
             ahead = stops[stop] - t
-            full_step(FOURTH_ORDER if ahead <= short else EIGHTH_ORDER, t, x, ahead, work, system, stop_x[stop])
+            full_step(step_method(ahead, short), t, x, ahead, w, c, marks, stop_x[stop])
             stop += 1
-        reached_boundary = event != RELEASE and h >= limit
-        t = boundary if reached_boundary else t + h
+        t = boundary if event != RELEASE and h >= limit else t + h
         step += 1
         tape.t[step] = t
         if event == RELEASE:
-            active[which] = False
+            marks[SPRING_MARKS + MARK_COLUMNS * which + ACTIVE] = 0
             release_time[which] = t
             to_release -= 1
             last = step
             if to_release == 0:
                 # From here on nothing is faster than the bodies' own rotation: as long a step as the error allows.
                 h_next = np.inf
-                rate = abs(new[6]) + abs(new[7]) + abs(new[8]) + abs(new[9]) + abs(new[10]) + abs(new[11])
-                short = (0.6 * tolerance) ** 0.2 / (rate + 1e-2)
+                rate = 1e-2
+                for n in range(6, 12):
+                    rate += abs(new[n])
+                short = (2.0 * tolerance) ** 0.2 / rate
         elif event == PUSH_STARTS:
-            active[which], pending[which] = True, False
+            start_push(which, marks)
     return OK, step, last

@@ -7,18 +7,17 @@ II.1 and II.5.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.integrate import DOP853
 
-from satsep_ot.dynamics.compilation import KERNEL
+from satsep_ot.dynamics.compilation import INLINE, KERNEL
 from satsep_ot.dynamics.rigid_body import derivative
-from satsep_ot.dynamics.system import STATE_SIZE
+from satsep_ot.dynamics.system import STATE_SIZE, integers
 
 STAGES = 12
-EIGHTH_ORDER, FOURTH_ORDER = 0, 1
+EIGHTH_ORDER, FOURTH_ORDER = integers(0, 1)
 
 _classical_a = np.zeros((STAGES, STAGES))
 _classical_a[1, 0], _classical_a[2, 1], _classical_a[3, 2] = 0.5, 0.5, 1.0
@@ -36,69 +35,80 @@ STAGE_NUMBER = np.array([STAGES, 4])
 ERROR_5, ERROR_3 = DOP853.E5[:STAGES].copy(), DOP853.E3[:STAGES].copy()
 
 
-class Work(NamedTuple):
-    """Room for the stages of a step."""
+# Where a step's stages start; and the stage behind the first.
+FIRST, SECOND = integers(0, 1)
 
-    k: np.ndarray  # slopes (STAGES + 1, STATE_SIZE); the last row serves the corrections onto an event
-    y: np.ndarray  # stage states (STAGES, STATE_SIZE)
-    scale: np.ndarray  # error allowed in each component (STATE_SIZE,)
-
-
-@njit(**KERNEL)
-def stages(method, t, x, h, work, system):
-    """Fill the stage states y and slopes k of one step of h [s] from x; k[0, :] must be the slope at x already."""
-    k, y = work.k, work.y
-    for n in range(STATE_SIZE):
-        y[0, n] = x[n]
-    for i in range(1, STAGE_NUMBER[method]):
-        row = y[i]
-        for n in range(STATE_SIZE):
-            row[n] = 0.0
-        for j in range(i):
-            a = A[method, i, j]
-            if a != 0.0:
-                for n in range(STATE_SIZE):
-                    row[n] += a * k[j, n]
-        for n in range(STATE_SIZE):
-            row[n] = x[n] + h * row[n]
-        derivative(t + C[method, i] * h, row, k, i, system)
+# A step works in one flat array `w`: stage states, their slopes, the state at the end, and the error allowed in each
+# component, at offsets that the compiler knows.
+START, K, NEW, ALLOWED = integers(0, STAGES * STATE_SIZE, 2 * STAGES * STATE_SIZE, (2 * STAGES + 1) * STATE_SIZE)
+WORK_SIZE = (2 * STAGES + 2) * STATE_SIZE
 
 
 @njit(**KERNEL)
-def finish(method, h, work, out):
-    """Write the state at the end of the step into `out`, from its stages; `out` may be the state at its start."""
-    k, y = work.k, work.y
+def stages(first, end, method, t, h, w, c, marks):
+    """Fill the stages first to end - 1 of a step of h [s] from the state w[0:STATE_SIZE]; those before are there."""
+    for i in range(first, end):
+        at = i * STATE_SIZE
+        if i > 0:
+            for n in range(STATE_SIZE):
+                w[at + n] = 0.0
+            for j in range(i):
+                a = A[method, i, j]
+                if a != 0.0:
+                    for n in range(STATE_SIZE):
+                        w[at + n] += a * w[K + j * STATE_SIZE + n]
+            for n in range(STATE_SIZE):
+                w[at + n] = w[n] + h * w[at + n]
+        derivative(t + C[method, i] * h, w, at, K + at, c, marks)
+
+
+@njit(**INLINE)
+def load(x, w):
+    """Take the state x as the start of a step."""
     for n in range(STATE_SIZE):
-        out[n] = 0.0
+        w[n] = x[n]
+
+
+@njit(**INLINE)
+def finish(method, h, w):
+    """Write the state at the end of the step into w[NEW:], from its stages."""
+    for n in range(STATE_SIZE):
+        w[NEW + n] = 0.0
     for i in range(STAGE_NUMBER[method]):
         b = B[method, i]
         if b != 0.0:
             for n in range(STATE_SIZE):
-                out[n] += b * k[i, n]
+                w[NEW + n] += b * w[K + i * STATE_SIZE + n]
     for n in range(STATE_SIZE):
-        out[n] = y[0, n] + h * out[n]
+        w[NEW + n] = w[n] + h * w[NEW + n]
 
 
 @njit(**KERNEL)
-def full_step(method, t, x, h, work, system, out):
-    """One whole step from x, without error control."""
-    derivative(t, x, work.k, 0, system)
-    stages(method, t, x, h, work, system)
-    finish(method, h, work, out)
+def full_step(method, t, x, h, w, c, marks, out):
+    """One whole step from x to `out`, without error control."""
+    load(x, w)
+    stages(FIRST, STAGE_NUMBER[method], method, t, h, w, c, marks)
+    finish(method, h, w)
+    for n in range(STATE_SIZE):
+        out[n] = w[NEW + n]
 
 
 @njit(**KERNEL)
-def error_ratio(h, work):
+def error_ratio(h, w):
     """Estimated error of an eighth-order step over the error allowed, as in Hairer's DOP853."""
-    k, scale = work.k, work.scale
-    fifth = third = 0.0
+    fifth = 0.0
+    third = 0.0
     for n in range(STATE_SIZE):
-        e5 = e3 = 0.0
+        e5 = 0.0
+        e3 = 0.0
         for i in range(STAGES):
-            e5 += ERROR_5[i] * k[i, n]
-            e3 += ERROR_3[i] * k[i, n]
-        fifth += (e5 / scale[n]) ** 2
-        third += (e3 / scale[n]) ** 2
+            e5 += ERROR_5[i] * w[K + i * STATE_SIZE + n]
+            e3 += ERROR_3[i] * w[K + i * STATE_SIZE + n]
+        inverse = 1.0 / w[ALLOWED + n]
+        e5 *= inverse
+        e3 *= inverse
+        fifth += e5 * e5
+        third += e3 * e3
     if fifth == 0.0:
         return 0.0
     return abs(h) * fifth / math.sqrt((fifth + 0.01 * third) * STATE_SIZE)

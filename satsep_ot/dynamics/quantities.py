@@ -87,4 +87,11 @@ def quantity_table(separation):
             CLEARANCE + 1 + i,
             1e3,
         )
+    if separation.recontact is not None:
+        window = separation.recontact
+        table["recontact_distance"] = _scaled(
+            "m",
+            f"smallest distance of the CGs, {window.start_orbits:g} to {window.end_orbits:g} orbits after the release",
+            CLEARANCE + 1 + len(points),
+        )
     return table

@@ -4,27 +4,32 @@ Hu et al. (2017), equations 1, 2, 9 and 10, with the reaction on the platform ad
 the relative position (metres) is integrated, never coordinates of 7e6 m.
 """
 
-import math
-
 from numba import njit
 
-from satsep_ot.dynamics.compilation import KERNEL
-from satsep_ot.dynamics.gravity import differential_gravity, gradient_torque, orbit_position
+from satsep_ot.dynamics.compilation import INLINE
+from satsep_ot.dynamics.gravity import earth_vector, gradient_torque, near_differential_gravity
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
-from satsep_ot.dynamics.springs import push_direction
+from satsep_ot.dynamics.springs import contact, law
 from satsep_ot.dynamics.system import (
-    DEFORMATION,
+    ACTIVE,
+    GRAVITY_LEVEL,
+    INVERSE_RADIUS,
     INVERSE_REDUCED_MASS,
-    ORBIT,
+    INVERSE_SQUARE,
+    MARK_COLUMNS,
     PLATFORM_INERTIA,
     PLATFORM_INVERSE_INERTIA,
     SATELLITE_INERTIA,
     SATELLITE_INVERSE_INERTIA,
-    STIFFNESS,
+    SCALE,
+    SPRING_COLUMNS,
+    SPRING_MARKS,
+    SPRING_NUMBER,
+    SPRINGS,
 )
 
 
-@njit(**KERNEL)
+@njit(**INLINE)
 def times(c, k, x, y, z):
     """The product of the 3 x 3 matrix stored row by row from c[k] with (x, y, z)."""
     return (
@@ -34,121 +39,161 @@ def times(c, k, x, y, z):
     )
 
 
-@njit(**KERNEL)
-def cross(ax, ay, az, bx, by, bz):
-    """The vector product a x b."""
-    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
-
-
-@njit(**KERNEL)
-def spring_sums(x, r, system):
+@njit(**INLINE)
+def spring_sums(x, at, r, c, marks):
     """Force on the satellite, its moment about the satellite's CG, and the moment on the platform; platform axes."""
-    springs, active = system.springs, system.active
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    fx = fy = fz = sx = sy = sz = px = py = pz = 0.0
-    for i in range(springs.shape[0]):
-        if active[i]:
-            u, v, w = springs[i, 3], springs[i, 4], springs[i, 5]
-            bx, by, bz = r00 * u + r01 * v + r02 * w, r10 * u + r11 * v + r12 * w, r20 * u + r21 * v + r22 * w
-            qx, qy, qz = x[0] + bx, x[1] + by, x[2] + bz
-            s, nx, ny, nz = push_direction(system, i, qx, qy, qz)
-            f = springs[i, STIFFNESS] * (springs[i, DEFORMATION] - s)
-            nx, ny, nz = f * nx, f * ny, f * nz
-            fx += nx
-            fy += ny
-            fz += nz
-            sx += by * nz - bz * ny
-            sy += bz * nx - bx * nz
-            sz += bx * ny - by * nx
-            px -= qy * nz - qz * ny
-            py -= qz * nx - qx * nz
-            pz -= qx * ny - qy * nx
-    return fx, fy, fz, sx, sy, sz, px, py, pz
+    dx = x[at]
+    dy = x[at + 1]
+    dz = x[at + 2]
+    fx = 0.0
+    fy = 0.0
+    fz = 0.0
+    px = 0.0
+    py = 0.0
+    pz = 0.0
+    for i in range(marks[SPRING_NUMBER]):
+        if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+            k = SPRINGS + SPRING_COLUMNS * i
+            u = c[k + 3]
+            v = c[k + 4]
+            w = c[k + 5]
+            qx = dx + r00 * u + r01 * v + r02 * w
+            qy = dy + r10 * u + r11 * v + r12 * w
+            qz = dz + r20 * u + r21 * v + r22 * w
+            s, gx, gy, gz, cx, cy, cz, share = contact(c, marks, i, qx, qy, qz, r01, r11, r21)
+            f, _, _, _ = law(c, marks, i, s)
+            f *= c[k + SCALE] * share
+            gx *= f
+            gy *= f
+            gz *= f
+            fx += gx
+            fy += gy
+            fz += gz
+            px -= cy * gz - cz * gy
+            py -= cz * gx - cx * gz
+            pz -= cx * gy - cy * gx
+    # The same forces about the satellite's CG: (c - d) x F.
+    return fx, fy, fz, -px - dy * fz + dz * fy, -py - dz * fx + dx * fz, -pz - dx * fy + dy * fx, px, py, pz
 
 
-@njit(**KERNEL)
-def derivative(t, x, k, row, system):
-    """Write the time derivative of the state x at time t into k[row, :]."""
-    c, gravity = system.c, system.gravity
-    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    fx, fy, fz, sx, sy, sz, px, py, pz = spring_sums(x, r, system)
+@njit(**INLINE)
+def derivative(t, x, at, row, c, marks):
+    """Write the time derivative of the state x[at : at + STATE_SIZE] at time t into x[row : row + STATE_SIZE]."""
+    r = rotation_matrix_elements(x[at + 12], x[at + 13], x[at + 14], x[at + 15])
+    fx, fy, fz, sx, sy, sz, px, py, pz = spring_sums(x, at, r, c, marks)
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
     # The moment on the satellite, from platform into satellite axes.
-    sx, sy, sz = r00 * sx + r10 * sy + r20 * sz, r01 * sx + r11 * sy + r21 * sz, r02 * sx + r12 * sy + r22 * sz
-    o1x, o1y, o1z, o2x, o2y, o2z = x[6], x[7], x[8], x[9], x[10], x[11]
-    h1x, h1y, h1z = times(c, PLATFORM_INERTIA, o1x, o1y, o1z)
-    h2x, h2y, h2z = times(c, SATELLITE_INERTIA, o2x, o2y, o2z)
-    ax, ay, az = c[INVERSE_REDUCED_MASS] * fx, c[INVERSE_REDUCED_MASS] * fy, c[INVERSE_REDUCED_MASS] * fz
-    if gravity != 0:
-        ex, ey, ez = orbit_position(t, c[ORBIT], c[39], c[40], c[41], c[42], c[43], c[44])
-        p = rotation_matrix_elements(x[16], x[17], x[18], x[19])
-        # Position of the platform's CG from the Earth's centre, in platform axes.
-        ex, ey, ez = (
-            p[0] * ex + p[3] * ey + p[6] * ez,
-            p[1] * ex + p[4] * ey + p[7] * ez,
-            p[2] * ex + p[5] * ey + p[8] * ez,
-        )
-        squared = ex * ex + ey * ey + ez * ez
-        rate = c[ORBIT] / (squared * math.sqrt(squared))
-        gx, gy, gz = differential_gravity(rate, ex, ey, ez, x[0], x[1], x[2])
-        ax, ay, az = ax + gx, ay + gy, az + gz
-        if gravity == 2:
-            inverse = 1.0 / math.sqrt(squared)
-            nx, ny, nz = ex * inverse, ey * inverse, ez * inverse
-            mx, my, mz = times(c, PLATFORM_INERTIA, nx, ny, nz)
-            mx, my, mz = gradient_torque(rate, nx, ny, nz, mx, my, mz)
-            px, py, pz = px + mx, py + my, pz + mz
+    mx = r00 * sx + r10 * sy + r20 * sz
+    my = r01 * sx + r11 * sy + r21 * sz
+    mz = r02 * sx + r12 * sy + r22 * sz
+    o1x = x[at + 6]
+    o1y = x[at + 7]
+    o1z = x[at + 8]
+    o2x = x[at + 9]
+    o2y = x[at + 10]
+    o2z = x[at + 11]
+    ax = c[INVERSE_REDUCED_MASS] * fx
+    ay = c[INVERSE_REDUCED_MASS] * fy
+    az = c[INVERSE_REDUCED_MASS] * fz
+    if marks[GRAVITY_LEVEL] != 0:
+        ex, ey, ez, rate = earth_vector(t, c, x[at + 16], x[at + 17], x[at + 18], x[at + 19])
+        gx, gy, gz = near_differential_gravity(rate, c[INVERSE_SQUARE], ex, ey, ez, x[at], x[at + 1], x[at + 2])
+        ax += gx
+        ay += gy
+        az += gz
+        if marks[GRAVITY_LEVEL] == 2:
+            nx = ex * c[INVERSE_RADIUS]
+            ny = ey * c[INVERSE_RADIUS]
+            nz = ez * c[INVERSE_RADIUS]
+            hx, hy, hz = times(c, PLATFORM_INERTIA, nx, ny, nz)
+            gx, gy, gz = gradient_torque(rate, nx, ny, nz, hx, hy, hz)
+            px += gx
+            py += gy
+            pz += gz
             # The same direction serves both bodies: they are metres apart at 7e6 m.
-            ux, uy, uz = r00 * nx + r10 * ny + r20 * nz, r01 * nx + r11 * ny + r21 * nz, r02 * nx + r12 * ny + r22 * nz
-            mx, my, mz = times(c, SATELLITE_INERTIA, ux, uy, uz)
-            mx, my, mz = gradient_torque(rate, ux, uy, uz, mx, my, mz)
-            sx, sy, sz = sx + mx, sy + my, sz + mz
-    vx, vy, vz = cross(o1x, o1y, o1z, x[0], x[1], x[2])
-    k[row, 0], k[row, 1], k[row, 2] = x[3] - vx, x[4] - vy, x[5] - vz
-    vx, vy, vz = cross(o1x, o1y, o1z, x[3], x[4], x[5])
-    k[row, 3], k[row, 4], k[row, 5] = ax - vx, ay - vy, az - vz
-    vx, vy, vz = cross(o1x, o1y, o1z, h1x, h1y, h1z)
-    k[row, 6], k[row, 7], k[row, 8] = times(c, PLATFORM_INVERSE_INERTIA, px - vx, py - vy, pz - vz)
-    vx, vy, vz = cross(o2x, o2y, o2z, h2x, h2y, h2z)
-    k[row, 9], k[row, 10], k[row, 11] = times(c, SATELLITE_INVERSE_INERTIA, sx - vx, sy - vy, sz - vz)
+            ux = r00 * nx + r10 * ny + r20 * nz
+            uy = r01 * nx + r11 * ny + r21 * nz
+            uz = r02 * nx + r12 * ny + r22 * nz
+            hx, hy, hz = times(c, SATELLITE_INERTIA, ux, uy, uz)
+            gx, gy, gz = gradient_torque(rate, ux, uy, uz, hx, hy, hz)
+            mx += gx
+            my += gy
+            mz += gz
+    x[row] = x[at + 3] - (o1y * x[at + 2] - o1z * x[at + 1])
+    x[row + 1] = x[at + 4] - (o1z * x[at] - o1x * x[at + 2])
+    x[row + 2] = x[at + 5] - (o1x * x[at + 1] - o1y * x[at])
+    x[row + 3] = ax - (o1y * x[at + 5] - o1z * x[at + 4])
+    x[row + 4] = ay - (o1z * x[at + 3] - o1x * x[at + 5])
+    x[row + 5] = az - (o1x * x[at + 4] - o1y * x[at + 3])
+    hx, hy, hz = times(c, PLATFORM_INERTIA, o1x, o1y, o1z)
+    vx, vy, vz = times(
+        c, PLATFORM_INVERSE_INERTIA, px - o1y * hz + o1z * hy, py - o1z * hx + o1x * hz, pz - o1x * hy + o1y * hx
+    )
+    x[row + 6] = vx
+    x[row + 7] = vy
+    x[row + 8] = vz
+    hx, hy, hz = times(c, SATELLITE_INERTIA, o2x, o2y, o2z)
+    vx, vy, vz = times(
+        c, SATELLITE_INVERSE_INERTIA, mx - o2y * hz + o2z * hy, my - o2z * hx + o2x * hz, mz - o2x * hy + o2y * hx
+    )
+    x[row + 9] = vx
+    x[row + 10] = vy
+    x[row + 11] = vz
     # Equation 3 as quaternions: Q' = (Q (x) [0, omega_2] - [0, omega_1] (x) Q) / 2 and q1' = q1 (x) [0, omega_1] / 2.
-    w, u, v, z = x[12], x[13], x[14], x[15]
-    k[row, 12] = 0.5 * (-u * (o2x - o1x) - v * (o2y - o1y) - z * (o2z - o1z))
-    k[row, 13] = 0.5 * (w * (o2x - o1x) + v * (o2z + o1z) - z * (o2y + o1y))
-    k[row, 14] = 0.5 * (w * (o2y - o1y) + z * (o2x + o1x) - u * (o2z + o1z))
-    k[row, 15] = 0.5 * (w * (o2z - o1z) + u * (o2y + o1y) - v * (o2x + o1x))
-    w, u, v, z = x[16], x[17], x[18], x[19]
-    k[row, 16] = 0.5 * (-u * o1x - v * o1y - z * o1z)
-    k[row, 17] = 0.5 * (w * o1x + v * o1z - z * o1y)
-    k[row, 18] = 0.5 * (w * o1y + z * o1x - u * o1z)
-    k[row, 19] = 0.5 * (w * o1z + u * o1y - v * o1x)
+    w = 0.5 * x[at + 12]
+    u = 0.5 * x[at + 13]
+    v = 0.5 * x[at + 14]
+    z = 0.5 * x[at + 15]
+    x[row + 12] = -u * (o2x - o1x) - v * (o2y - o1y) - z * (o2z - o1z)
+    x[row + 13] = w * (o2x - o1x) + v * (o2z + o1z) - z * (o2y + o1y)
+    x[row + 14] = w * (o2y - o1y) + z * (o2x + o1x) - u * (o2z + o1z)
+    x[row + 15] = w * (o2z - o1z) + u * (o2y + o1y) - v * (o2x + o1x)
+    w = 0.5 * x[at + 16]
+    u = 0.5 * x[at + 17]
+    v = 0.5 * x[at + 18]
+    z = 0.5 * x[at + 19]
+    x[row + 16] = -u * o1x - v * o1y - z * o1z
+    x[row + 17] = w * o1x + v * o1z - z * o1y
+    x[row + 18] = w * o1y + z * o1x - u * o1z
+    x[row + 19] = w * o1z + u * o1y - v * o1x
 
 
-@njit(**KERNEL)
-def seat_motion(x, k, row, system, i):
-    """Stroke of spring i, its rate, and its acceleration up to the terms of second order in the rates (for
-    prediction).
+@njit(**INLINE)
+def seat_motion(x, at, row, c, marks, i):
+    """Stroke of spring i in the state x[at:] with the slope x[row:], its rate, and its acceleration.
+
+    That is up to the terms of second order in the rates: for prediction.
     """
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    u, v, w = system.springs[i, 3], system.springs[i, 4], system.springs[i, 5]
-    qx, qy, qz = (
-        x[0] + r00 * u + r01 * v + r02 * w,
-        x[1] + r10 * u + r11 * v + r12 * w,
-        x[2] + r20 * u + r21 * v + r22 * w,
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(
+        x[at + 12], x[at + 13], x[at + 14], x[at + 15]
     )
-    s, nx, ny, nz = push_direction(system, i, qx, qy, qz)
-    ax, ay, az = cross(x[9], x[10], x[11], u, v, w)
-    bx, by, bz = cross(x[6], x[7], x[8], qx, qy, qz)
+    k = SPRINGS + SPRING_COLUMNS * i
+    u = c[k + 3]
+    v = c[k + 4]
+    w = c[k + 5]
+    qx = x[at] + r00 * u + r01 * v + r02 * w
+    qy = x[at + 1] + r10 * u + r11 * v + r12 * w
+    qz = x[at + 2] + r20 * u + r21 * v + r22 * w
+    s, gx, gy, gz, cx, cy, cz, _ = contact(c, marks, i, qx, qy, qz, r01, r11, r21)
+    # Velocity of the satellite's material point at the contact in platform axes: arm from the satellite's CG, turned.
+    bx = cx - x[at]
+    by = cy - x[at + 1]
+    bz = cz - x[at + 2]
+    ox = r00 * x[at + 9] + r01 * x[at + 10] + r02 * x[at + 11]
+    oy = r10 * x[at + 9] + r11 * x[at + 10] + r12 * x[at + 11]
+    oz = r20 * x[at + 9] + r21 * x[at + 10] + r22 * x[at + 11]
     rate = (
-        nx * (x[3] + r00 * ax + r01 * ay + r02 * az - bx)
-        + ny * (x[4] + r10 * ax + r11 * ay + r12 * az - by)
-        + nz * (x[5] + r20 * ax + r21 * ay + r22 * az - bz)
+        gx * (x[at + 3] + oy * bz - oz * by - x[at + 7] * cz + x[at + 8] * cy)
+        + gy * (x[at + 4] + oz * bx - ox * bz - x[at + 8] * cx + x[at + 6] * cz)
+        + gz * (x[at + 5] + ox * by - oy * bx - x[at + 6] * cy + x[at + 7] * cx)
     )
-    ax, ay, az = cross(k[row, 9], k[row, 10], k[row, 11], u, v, w)
-    bx, by, bz = cross(k[row, 6], k[row, 7], k[row, 8], qx, qy, qz)
+    ox = r00 * x[row + 9] + r01 * x[row + 10] + r02 * x[row + 11]
+    oy = r10 * x[row + 9] + r11 * x[row + 10] + r12 * x[row + 11]
+    oz = r20 * x[row + 9] + r21 * x[row + 10] + r22 * x[row + 11]
     acceleration = (
-        nx * (k[row, 3] + r00 * ax + r01 * ay + r02 * az - bx)
-        + ny * (k[row, 4] + r10 * ax + r11 * ay + r12 * az - by)
-        + nz * (k[row, 5] + r20 * ax + r21 * ay + r22 * az - bz)
+        gx * (x[row + 3] + oy * bz - oz * by - x[row + 7] * cz + x[row + 8] * cy)
+        + gy * (x[row + 4] + oz * bx - ox * bz - x[row + 8] * cx + x[row + 6] * cz)
+        + gz * (x[row + 5] + ox * by - oy * bx - x[row + 6] * cy + x[row + 7] * cx)
     )
     return s, rate, acceleration

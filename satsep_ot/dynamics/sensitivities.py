@@ -13,426 +13,677 @@ functions for hybrid discrete/continuous systems", Applied Numerical Mathematics
 """
 
 import math
-from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import KERNEL
-from satsep_ot.dynamics.flight import AT_EXIT, AT_START, INSIDE, NOTHING, PUSH_STARTS, RELEASE, point_motion
-from satsep_ot.dynamics.gravity import orbit_position
-from satsep_ot.dynamics.integration import EIGHTH_ORDER, STAGE_NUMBER, A, B, C, stages
-from satsep_ot.dynamics.rigid_body import cross, derivative, seat_motion, spring_sums, times
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE
+from satsep_ot.dynamics.flight import (
+    AT_EXIT,
+    AT_START,
+    INSIDE,
+    NOTHING,
+    PUSH_STARTS,
+    RELEASE,
+    nearest_wall,
+    point_motion,
+)
+from satsep_ot.dynamics.gravity import earth_vector
+from satsep_ot.dynamics.integration import (
+    EIGHTH_ORDER,
+    FIRST,
+    SECOND,
+    STAGE_NUMBER,
+    STAGES,
+    START,
+    A,
+    B,
+    C,
+    K,
+    load,
+    stages,
+)
+from satsep_ot.dynamics.rigid_body import seat_motion, spring_sums, times
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE, STOWED
-from satsep_ot.dynamics.springs import push_direction
+from satsep_ot.dynamics.springs import FRICTION, GUIDED, LINEAR, STRUT, contact, law
 from satsep_ot.dynamics.system import (
-    DEFORMATION,
-    GUIDED,
+    ACTIVE,
+    FORCE_LINE,
+    GRAVITY_LEVEL,
+    GUIDE_FRICTION,
+    INVERSE_RADIUS,
     INVERSE_REDUCED_MASS,
-    ORBIT,
+    LAW,
+    MARK_COLUMNS,
+    PLANE_COLUMNS,
+    PLANE_NUMBER,
+    PLANES,
     PLATFORM_INERTIA,
+    PLATFORM_INVERSE_INERTIA,
+    POINT_COLUMNS,
+    POINT_NUMBER,
+    POINTS,
+    SATELLITE_CG,
     SATELLITE_INERTIA,
+    SATELLITE_INVERSE_INERTIA,
+    SCALE,
+    SPRING_COLUMNS,
+    SPRING_MARKS,
+    SPRING_NUMBER,
+    SPRINGS,
     STATE_SIZE,
-    STIFFNESS,
+    integers,
 )
 
 LANES = 8  # outputs differentiated together: one vector register of the processor
 
-# Rows of the parameter adjoint: reduced mass, inertia tensors, stowed length, then a block a spring (platform seat,
-# satellite seat, guide, stiffness, deformation, release stroke, delay); behind them the CGs and the recess.
-G_PLATFORM_INERTIA, G_SATELLITE_INERTIA, G_STOWED, G_SPRINGS, G_SPRING_SIZE = 1, 10, 19, 20, 13
+# A sweep works in one flat array of rows with LANES numbers each, at offsets that the compiler knows, so that it can
+# make vector instructions of the loops over lanes:
+# adjoints of the state, of the time, of a slope, of the state that the slope is taken at; sums over springs (adjoints
+# of force 0-2, moment on the satellite 3-5 and on the platform 6-8 in platform axes, d 9-11, moments in body axes
+# 12-17); two rotation matrices; what one spring or body adds to the constants; the state beside the chain; the stages.
+LAM, MU, KB, OUT, S, M, X, BRANCH, YB = integers(0, 20, 21, 41, 61, 79, 97, 141, 161)
+THREE, NINE, ROWS = integers(3, 9, STATE_SIZE)
+# Then the adjoints of the constants of a run: reduced mass, inertia tensors, stowed length, guide friction, a block a
+# spring (platform seat, satellite seat, guide, stiffness, deformation, release stroke, delay, scale); behind them the
+# CGs, the recess's radius and depth, and the offsets of its planes.
+G = YB + STAGES * STATE_SIZE
+G_PLATFORM_INERTIA, G_SATELLITE_INERTIA, G_STOWED, G_FRICTION = G + 1, G + 10, G + 19, G + 20
+G_SPRINGS, G_SPRING_SIZE = integers(G + 21, 14)
+# What a spring adds, from row X: adjoints of its force 0-2, of its contact point 3-5, of its stroke 6, of the size of
+# its force 7, of its satellite seat 8-10 and of the satellite's y axis 11-13 in platform axes, stowed length 14, guide
+# friction 15, and its block 16-29.
+X_BLOCK = X + 16
 
 
-class Adjoint(NamedTuple):
-    """Room for a sweep; every array has LANES columns."""
+def sweep_size(spring_number, plane_number):
+    """Numbers that the working array of a sweep takes."""
+    return LANES * (G_SPRINGS + G_SPRING_SIZE * spring_number + 8 + plane_number)
 
-    lam: np.ndarray  # adjoint of the state (STATE_SIZE,)
-    branch: np.ndarray  # the same for a step beside the chain
-    mu: np.ndarray  # adjoint of the time (1,)
-    kb: np.ndarray  # adjoint of a slope (STATE_SIZE,)
-    yb: np.ndarray  # adjoints of the stage states (STAGES, STATE_SIZE,)
-    s: np.ndarray  # sums over springs (18,), see `derivative_adjoint`
-    m: np.ndarray  # adjoints of two rotation matrices (18,)
-    g: np.ndarray  # adjoints of the constants of the run, rows as above
+
+@njit(**INLINE)
+def clear(a, row, count):
+    """Set `count` rows from `row` on to zero."""
+    for n in range(row * LANES, (row + count) * LANES):
+        a[n] = 0.0
+
+
+@njit(**INLINE)
+def add(a, source, target, count):
+    """Add `count` rows from `source` on to those from `target` on."""
+    for n in range(count * LANES):
+        a[target * LANES + n] += a[source * LANES + n]
 
 
 @njit(**KERNEL)
-def add_rotation_adjoint(m, row, q0, q1, q2, q3, out, at):
-    """Add to the quaternion adjoint out[at:at+4, lane] what the adjoint of its rotation matrix, m[row:row+9, lane],
-    says.
-    """
+def add_rotation_adjoint(a, row, q0, q1, q2, q3, target):
+    """Add to a quaternion adjoint, rows target to target + 3, what that of its matrix says, rows row to row + 8."""
     for n in range(LANES):
-        m00, m01, m02 = m[row, n], m[row + 1, n], m[row + 2, n]
-        m10, m11, m12 = m[row + 3, n], m[row + 4, n], m[row + 5, n]
-        m20, m21, m22 = m[row + 6, n], m[row + 7, n], m[row + 8, n]
-        out[at, n] += 2.0 * (q3 * (m10 - m01) + q2 * (m02 - m20) + q1 * (m21 - m12))
-        out[at + 1, n] += 2.0 * (q2 * (m01 + m10) + q3 * (m02 + m20) + q0 * (m21 - m12) - 2.0 * q1 * (m11 + m22))
-        out[at + 2, n] += 2.0 * (q1 * (m01 + m10) + q3 * (m12 + m21) + q0 * (m02 - m20) - 2.0 * q2 * (m00 + m22))
-        out[at + 3, n] += 2.0 * (q1 * (m02 + m20) + q2 * (m12 + m21) + q0 * (m10 - m01) - 2.0 * q3 * (m00 + m11))
+        m = row * LANES + n
+        m00 = a[m]
+        m01 = a[m + LANES]
+        m02 = a[m + 2 * LANES]
+        m10 = a[m + 3 * LANES]
+        m11 = a[m + 4 * LANES]
+        m12 = a[m + 5 * LANES]
+        m20 = a[m + 6 * LANES]
+        m21 = a[m + 7 * LANES]
+        m22 = a[m + 8 * LANES]
+        o = target * LANES + n
+        a[o] += 2.0 * (q3 * (m10 - m01) + q2 * (m02 - m20) + q1 * (m21 - m12))
+        a[o + LANES] += 2.0 * (q2 * (m01 + m10) + q3 * (m02 + m20) + q0 * (m21 - m12) - 2.0 * q1 * (m11 + m22))
+        a[o + 2 * LANES] += 2.0 * (q1 * (m01 + m10) + q3 * (m12 + m21) + q0 * (m02 - m20) - 2.0 * q2 * (m00 + m22))
+        a[o + 3 * LANES] += 2.0 * (q1 * (m02 + m20) + q2 * (m12 + m21) + q0 * (m10 - m01) - 2.0 * q3 * (m00 + m11))
 
 
 @njit(**KERNEL)
-def seat_adjoint(x, r, i, stroke_bar, stroke_row, out, m, g, system):
-    """Add to the adjoints what the adjoint of spring i's stroke, stroke_bar[stroke_row, lane], says."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    springs = system.springs
-    u, v, w = springs[i, 3], springs[i, 4], springs[i, 5]
-    qx, qy, qz = (
-        x[0] + r00 * u + r01 * v + r02 * w,
-        x[1] + r10 * u + r11 * v + r12 * w,
-        x[2] + r20 * u + r21 * v + r22 * w,
-    )
-    _, ex, ey, ez = push_direction(system, i, qx, qy, qz)
-    dx, dy, dz = qx - springs[i, 0], qy - springs[i, 1], qz - springs[i, 2]
-    guided = 1.0 if system.force_line == GUIDED else 0.0
-    k = G_SPRINGS + G_SPRING_SIZE * i
-    for n in range(LANES):
-        bar = stroke_bar[stroke_row, n]
-        vx, vy, vz = bar * ex, bar * ey, bar * ez
-        out[0, n] += vx
-        out[1, n] += vy
-        out[2, n] += vz
-        g[k, n] -= vx
-        g[k + 1, n] -= vy
-        g[k + 2, n] -= vz
-        g[k + 3, n] += r00 * vx + r10 * vy + r20 * vz
-        g[k + 4, n] += r01 * vx + r11 * vy + r21 * vz
-        g[k + 5, n] += r02 * vx + r12 * vy + r22 * vz
-        g[k + 6, n] += guided * bar * dx
-        g[k + 7, n] += guided * bar * dy
-        g[k + 8, n] += guided * bar * dz
-        g[G_STOWED, n] -= bar
-        m[0, n] += vx * u
-        m[1, n] += vx * v
-        m[2, n] += vx * w
-        m[3, n] += vy * u
-        m[4, n] += vy * v
-        m[5, n] += vy * w
-        m[6, n] += vz * u
-        m[7, n] += vz * v
-        m[8, n] += vz * w
+def spring_adjoint(x, at, r, i, target, a, c, marks):
+    """From the adjoints of spring i's force, contact point and stroke (rows X to X + 6) to all that they depend on.
 
-
-@njit(**KERNEL)
-def spring_adjoint(x, r, i, s, m, g, system):
-    """Add what spring i contributes to the adjoints, from those of the sums over the springs, in platform axes.
-
-    They stand in `s`: force on the satellite in rows 0 to 2, moment about the satellite's CG in 3 to 5, moment on the
-    platform in 6 to 8. The adjoint of d goes to rows 9 to 11, that of Q's matrix to `m`.
+    The adjoint of d is added to the rows from `target` on, that of Q's matrix to the rows from M on.
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    springs = system.springs
-    u, v, w = springs[i, 3], springs[i, 4], springs[i, 5]
-    bx, by, bz = r00 * u + r01 * v + r02 * w, r10 * u + r11 * v + r12 * w, r20 * u + r21 * v + r22 * w
-    qx, qy, qz = x[0] + bx, x[1] + by, x[2] + bz
-    stroke, ex, ey, ez = push_direction(system, i, qx, qy, qz)
-    dx, dy, dz = qx - springs[i, 0], qy - springs[i, 1], qz - springs[i, 2]
-    stiffness, compression = springs[i, STIFFNESS], springs[i, DEFORMATION] - stroke
-    f = stiffness * compression
-    fx, fy, fz = f * ex, f * ey, f * ez
-    guided = 1.0 if system.force_line == GUIDED else 0.0
-    # A strut's direction turns with the seats: d e = (1 - e e^T) d delta / |delta|.
-    turning = 0.0 if system.force_line == GUIDED else f / math.sqrt(dx * dx + dy * dy + dz * dz)
-    k = G_SPRINGS + G_SPRING_SIZE * i
+    k = SPRINGS + SPRING_COLUMNS * i
+    u = c[k + 3]
+    v = c[k + 4]
+    w = c[k + 5]
+    qx = x[at] + r00 * u + r01 * v + r02 * w
+    qy = x[at + 1] + r10 * u + r11 * v + r12 * w
+    qz = x[at + 2] + r20 * u + r21 * v + r22 * w
+    s, gx, gy, gz, _, _, _, share = contact(c, marks, i, qx, qy, qz, r01, r11, r21)
+    value, slope, by_stiffness, by_deformation = law(c, marks, i, s)
+    scale = c[k + SCALE]
+    f = scale * value
+    slope *= scale
+    by_stiffness *= scale
+    by_deformation *= scale
+    dx = qx - c[k]
+    dy = qy - c[k + 1]
+    dz = qz - c[k + 2]
+    if marks[FORCE_LINE] == GUIDED:
+        for n in range(LANES):
+            hx = a[X * LANES + n]
+            hy = a[(X + 1) * LANES + n]
+            hz = a[(X + 2) * LANES + n]
+            along = hx * gx + hy * gy + hz * gz
+            bar = a[(X + 6) * LANES + n] + slope * along
+            vx = bar * gx
+            vy = bar * gy
+            vz = bar * gz
+            a[(X + 7) * LANES + n] = along
+            a[(X + 8) * LANES + n] = vx + a[(X + 3) * LANES + n]
+            a[(X + 9) * LANES + n] = vy + a[(X + 4) * LANES + n]
+            a[(X + 10) * LANES + n] = vz + a[(X + 5) * LANES + n]
+            a[(X + 11) * LANES + n] = 0.0
+            a[(X + 12) * LANES + n] = 0.0
+            a[(X + 13) * LANES + n] = 0.0
+            a[(X + 14) * LANES + n] = 0.0
+            a[(X + 15) * LANES + n] = 0.0
+            a[X_BLOCK * LANES + n] = -vx
+            a[(X_BLOCK + 1) * LANES + n] = -vy
+            a[(X_BLOCK + 2) * LANES + n] = -vz
+            a[(X_BLOCK + 6) * LANES + n] = f * hx + bar * dx
+            a[(X_BLOCK + 7) * LANES + n] = f * hy + bar * dy
+            a[(X_BLOCK + 8) * LANES + n] = f * hz + bar * dz
+    elif marks[FORCE_LINE] == STRUT:
+        # The direction turns with the seats: d g = (1 - g g^T) d delta / |delta|.
+        turning = f / math.sqrt(dx * dx + dy * dy + dz * dz)
+        for n in range(LANES):
+            hx = a[X * LANES + n]
+            hy = a[(X + 1) * LANES + n]
+            hz = a[(X + 2) * LANES + n]
+            along = hx * gx + hy * gy + hz * gz
+            bar = a[(X + 6) * LANES + n] + slope * along
+            vx = bar * gx + turning * (hx - along * gx)
+            vy = bar * gy + turning * (hy - along * gy)
+            vz = bar * gz + turning * (hz - along * gz)
+            a[(X + 7) * LANES + n] = along
+            a[(X + 8) * LANES + n] = vx + a[(X + 3) * LANES + n]
+            a[(X + 9) * LANES + n] = vy + a[(X + 4) * LANES + n]
+            a[(X + 10) * LANES + n] = vz + a[(X + 5) * LANES + n]
+            a[(X + 11) * LANES + n] = 0.0
+            a[(X + 12) * LANES + n] = 0.0
+            a[(X + 13) * LANES + n] = 0.0
+            a[(X + 14) * LANES + n] = -bar
+            a[(X + 15) * LANES + n] = 0.0
+            a[X_BLOCK * LANES + n] = -vx
+            a[(X_BLOCK + 1) * LANES + n] = -vy
+            a[(X_BLOCK + 2) * LANES + n] = -vz
+            a[(X_BLOCK + 6) * LANES + n] = 0.0
+            a[(X_BLOCK + 7) * LANES + n] = 0.0
+            a[(X_BLOCK + 8) * LANES + n] = 0.0
+    else:
+        # F = N n_2 with N = f / D, D = cosine + friction * sine, p = seat + s n_1, s = delta . n_2 / cosine.
+        nx = c[k + 6]
+        ny = c[k + 7]
+        nz = c[k + 8]
+        cosine = nx * r01 + ny * r11 + nz * r21
+        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+        balance = cosine / share
+        # The friction is kinked where rod and plate are aligned: 0 is one of its slopes there.
+        bend = 1.0 - c[GUIDE_FRICTION] * cosine / sine if sine > 1e-12 else 1.0
+        force = f / balance
+        inverse = 1.0 / cosine
+        for n in range(LANES):
+            hx = a[X * LANES + n]
+            hy = a[(X + 1) * LANES + n]
+            hz = a[(X + 2) * LANES + n]
+            cx = a[(X + 3) * LANES + n]
+            cy = a[(X + 4) * LANES + n]
+            cz = a[(X + 5) * LANES + n]
+            along = (hx * r01 + hy * r11 + hz * r21) / balance
+            bar = (a[(X + 6) * LANES + n] + slope * along + cx * nx + cy * ny + cz * nz) * inverse
+            by_balance = -along * force
+            by_cosine = by_balance * bend - bar * s
+            a[(X + 7) * LANES + n] = along
+            a[(X + 8) * LANES + n] = bar * r01
+            a[(X + 9) * LANES + n] = bar * r11
+            a[(X + 10) * LANES + n] = bar * r21
+            a[(X + 11) * LANES + n] = force * hx + bar * dx + by_cosine * nx
+            a[(X + 12) * LANES + n] = force * hy + bar * dy + by_cosine * ny
+            a[(X + 13) * LANES + n] = force * hz + bar * dz + by_cosine * nz
+            a[(X + 14) * LANES + n] = 0.0
+            a[(X + 15) * LANES + n] = by_balance * sine
+            a[X_BLOCK * LANES + n] = cx - bar * r01
+            a[(X_BLOCK + 1) * LANES + n] = cy - bar * r11
+            a[(X_BLOCK + 2) * LANES + n] = cz - bar * r21
+            a[(X_BLOCK + 6) * LANES + n] = s * cx + by_cosine * r01
+            a[(X_BLOCK + 7) * LANES + n] = s * cy + by_cosine * r11
+            a[(X_BLOCK + 8) * LANES + n] = s * cz + by_cosine * r21
     for n in range(LANES):
-        tx, ty, tz = s[3, n], s[4, n], s[5, n]
-        px, py, pz = s[6, n], s[7, n], s[8, n]
-        # Adjoint of the force: from the sum, from b x F and from -(d + b) x F.
-        hx = s[0, n] + ty * bz - tz * by - (py * qz - pz * qy)
-        hy = s[1, n] + tz * bx - tx * bz - (pz * qx - px * qz)
-        hz = s[2, n] + tx * by - ty * bx - (px * qy - py * qx)
-        along = hx * ex + hy * ey + hz * ez
-        g[k + 9, n] += compression * along
-        g[k + 10, n] += stiffness * along
-        bar = -stiffness * along
-        g[G_STOWED, n] -= bar
-        # Adjoint of delta: through the stroke and, for a strut, through the direction.
-        vx = bar * ex + turning * (hx - along * ex)
-        vy = bar * ey + turning * (hy - along * ey)
-        vz = bar * ez + turning * (hz - along * ez)
-        g[k + 6, n] += guided * (f * hx + bar * dx)
-        g[k + 7, n] += guided * (f * hy + bar * dy)
-        g[k + 8, n] += guided * (f * hz + bar * dz)
-        g[k, n] -= vx
-        g[k + 1, n] -= vy
-        g[k + 2, n] -= vz
-        # Adjoint of the contact point d + b.
-        vx -= fy * pz - fz * py
-        vy -= fz * px - fx * pz
-        vz -= fx * py - fy * px
-        s[9, n] += vx
-        s[10, n] += vy
-        s[11, n] += vz
-        vx += fy * tz - fz * ty
-        vy += fz * tx - fx * tz
-        vz += fx * ty - fy * tx
-        g[k + 3, n] += r00 * vx + r10 * vy + r20 * vz
-        g[k + 4, n] += r01 * vx + r11 * vy + r21 * vz
-        g[k + 5, n] += r02 * vx + r12 * vy + r22 * vz
-        m[0, n] += vx * u
-        m[1, n] += vx * v
-        m[2, n] += vx * w
-        m[3, n] += vy * u
-        m[4, n] += vy * v
-        m[5, n] += vy * w
-        m[6, n] += vz * u
-        m[7, n] += vz * v
-        m[8, n] += vz * w
+        along = a[(X + 7) * LANES + n]
+        vx = a[(X + 8) * LANES + n]
+        vy = a[(X + 9) * LANES + n]
+        vz = a[(X + 10) * LANES + n]
+        a[(X_BLOCK + 3) * LANES + n] = r00 * vx + r10 * vy + r20 * vz
+        a[(X_BLOCK + 4) * LANES + n] = r01 * vx + r11 * vy + r21 * vz
+        a[(X_BLOCK + 5) * LANES + n] = r02 * vx + r12 * vy + r22 * vz
+        a[(X_BLOCK + 9) * LANES + n] = by_stiffness * along
+        a[(X_BLOCK + 10) * LANES + n] = by_deformation * along
+        a[(X_BLOCK + 11) * LANES + n] = 0.0
+        a[(X_BLOCK + 12) * LANES + n] = 0.0
+        a[(X_BLOCK + 13) * LANES + n] = value * along
+        a[M * LANES + n] += vx * u
+        a[(M + 1) * LANES + n] += vx * v + a[(X + 11) * LANES + n]
+        a[(M + 2) * LANES + n] += vx * w
+        a[(M + 3) * LANES + n] += vy * u
+        a[(M + 4) * LANES + n] += vy * v + a[(X + 12) * LANES + n]
+        a[(M + 5) * LANES + n] += vy * w
+        a[(M + 6) * LANES + n] += vz * u
+        a[(M + 7) * LANES + n] += vz * v + a[(X + 13) * LANES + n]
+        a[(M + 8) * LANES + n] += vz * w
+    add(a, X + 8, target, THREE)
+    add(a, X + 14, G_STOWED, THREE - 1)
+    add(a, X_BLOCK, G_SPRINGS + G_SPRING_SIZE * i, G_SPRING_SIZE)
 
 
 @njit(**KERNEL)
-def body_adjoint(c, inertia, o, slope, n_bar, row, out, at, g, g_row):
-    """Adjoint of I w' = M - w x I w: from that of w', n_bar[row:row+3], to those of M (written there), w and I."""
-    o0, o1, o2 = o
-    a0, a1, a2 = slope[at], slope[at + 1], slope[at + 2]
+def push_adjoint(x, at, r, i, a, c, marks):
+    """Add what spring i contributes, from the adjoints of the sums over the springs in rows S to S + 8."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
+    k = SPRINGS + SPRING_COLUMNS * i
+    u = c[k + 3]
+    v = c[k + 4]
+    w = c[k + 5]
+    dx = x[at]
+    dy = x[at + 1]
+    dz = x[at + 2]
+    qx = dx + r00 * u + r01 * v + r02 * w
+    qy = dy + r10 * u + r11 * v + r12 * w
+    qz = dz + r20 * u + r21 * v + r22 * w
+    s, gx, gy, gz, cx, cy, cz, share = contact(c, marks, i, qx, qy, qz, r01, r11, r21)
+    f, _, _, _ = law(c, marks, i, s)
+    f *= c[k + SCALE] * share
+    fx = f * gx
+    fy = f * gy
+    fz = f * gz
+    bx = cx - dx
+    by = cy - dy
+    bz = cz - dz
+    for n in range(LANES):
+        tx = a[(S + 3) * LANES + n]
+        ty = a[(S + 4) * LANES + n]
+        tz = a[(S + 5) * LANES + n]
+        px = a[(S + 6) * LANES + n]
+        py = a[(S + 7) * LANES + n]
+        pz = a[(S + 8) * LANES + n]
+        # Of the force: from the sum, from (c - d) x F and from -c x F. Of the contact point c and of d: from these too.
+        a[X * LANES + n] = a[S * LANES + n] + ty * bz - tz * by - py * cz + pz * cy
+        a[(X + 1) * LANES + n] = a[(S + 1) * LANES + n] + tz * bx - tx * bz - pz * cx + px * cz
+        a[(X + 2) * LANES + n] = a[(S + 2) * LANES + n] + tx * by - ty * bx - px * cy + py * cx
+        a[(X + 3) * LANES + n] = fy * (tz - pz) - fz * (ty - py)
+        a[(X + 4) * LANES + n] = fz * (tx - px) - fx * (tz - pz)
+        a[(X + 5) * LANES + n] = fx * (ty - py) - fy * (tx - px)
+        a[(X + 6) * LANES + n] = 0.0
+        a[(S + 9) * LANES + n] -= fy * tz - fz * ty
+        a[(S + 10) * LANES + n] -= fz * tx - fx * tz
+        a[(S + 11) * LANES + n] -= fx * ty - fy * tx
+    spring_adjoint(x, at, r, i, S + 9, a, c, marks)
+
+
+@njit(**KERNEL)
+def body_adjoint(c, inertia, o0, o1, o2, slope, at, row, target, g_row, a):
+    """Adjoint of I w' = M - w x I w: from that of w', rows row to row + 2, to those of M (written there), w and I."""
+    a0 = slope[at]
+    a1 = slope[at + 1]
+    a2 = slope[at + 2]
     h0, h1, h2 = times(c, inertia, o0, o1, o2)
-    k = inertia + 9
-    i00, i01, i02 = c[inertia], c[inertia + 1], c[inertia + 2]
-    i11, i12, i22 = c[inertia + 4], c[inertia + 5], c[inertia + 8]
-    j00, j01, j02, j11, j12, j22 = c[k], c[k + 1], c[k + 2], c[k + 4], c[k + 5], c[k + 8]
+    i00 = c[inertia]
+    i01 = c[inertia + 1]
+    i02 = c[inertia + 2]
+    i11 = c[inertia + 4]
+    i12 = c[inertia + 5]
+    i22 = c[inertia + 8]
+    j00 = c[inertia + 9]
+    j01 = c[inertia + 10]
+    j02 = c[inertia + 11]
+    j11 = c[inertia + 13]
+    j12 = c[inertia + 14]
+    j22 = c[inertia + 17]
     for n in range(LANES):
-        v0, v1, v2 = n_bar[row, n], n_bar[row + 1, n], n_bar[row + 2, n]
-        b0, b1, b2 = j00 * v0 + j01 * v1 + j02 * v2, j01 * v0 + j11 * v1 + j12 * v2, j02 * v0 + j12 * v1 + j22 * v2
-        n_bar[row, n], n_bar[row + 1, n], n_bar[row + 2, n] = b0, b1, b2
+        v0 = a[row * LANES + n]
+        v1 = a[(row + 1) * LANES + n]
+        v2 = a[(row + 2) * LANES + n]
+        b0 = j00 * v0 + j01 * v1 + j02 * v2
+        b1 = j01 * v0 + j11 * v1 + j12 * v2
+        b2 = j02 * v0 + j12 * v1 + j22 * v2
+        a[row * LANES + n] = b0
+        a[(row + 1) * LANES + n] = b1
+        a[(row + 2) * LANES + n] = b2
         # h = I w enters as -w x h.
-        e0, e1, e2 = o1 * b2 - o2 * b1, o2 * b0 - o0 * b2, o0 * b1 - o1 * b0
-        out[at, n] += b1 * h2 - b2 * h1 + i00 * e0 + i01 * e1 + i02 * e2
-        out[at + 1, n] += b2 * h0 - b0 * h2 + i01 * e0 + i11 * e1 + i12 * e2
-        out[at + 2, n] += b0 * h1 - b1 * h0 + i02 * e0 + i12 * e1 + i22 * e2
-        g[g_row, n] += e0 * o0 - b0 * a0
-        g[g_row + 1, n] += e0 * o1 - b0 * a1
-        g[g_row + 2, n] += e0 * o2 - b0 * a2
-        g[g_row + 3, n] += e1 * o0 - b1 * a0
-        g[g_row + 4, n] += e1 * o1 - b1 * a1
-        g[g_row + 5, n] += e1 * o2 - b1 * a2
-        g[g_row + 6, n] += e2 * o0 - b2 * a0
-        g[g_row + 7, n] += e2 * o1 - b2 * a1
-        g[g_row + 8, n] += e2 * o2 - b2 * a2
+        e0 = o1 * b2 - o2 * b1
+        e1 = o2 * b0 - o0 * b2
+        e2 = o0 * b1 - o1 * b0
+        a[target * LANES + n] += b1 * h2 - b2 * h1 + i00 * e0 + i01 * e1 + i02 * e2
+        a[(target + 1) * LANES + n] += b2 * h0 - b0 * h2 + i01 * e0 + i11 * e1 + i12 * e2
+        a[(target + 2) * LANES + n] += b0 * h1 - b1 * h0 + i02 * e0 + i12 * e1 + i22 * e2
+        a[X * LANES + n] = e0 * o0 - b0 * a0
+        a[(X + 1) * LANES + n] = e0 * o1 - b0 * a1
+        a[(X + 2) * LANES + n] = e0 * o2 - b0 * a2
+        a[(X + 3) * LANES + n] = e1 * o0 - b1 * a0
+        a[(X + 4) * LANES + n] = e1 * o1 - b1 * a1
+        a[(X + 5) * LANES + n] = e1 * o2 - b1 * a2
+        a[(X + 6) * LANES + n] = e2 * o0 - b2 * a0
+        a[(X + 7) * LANES + n] = e2 * o1 - b2 * a1
+        a[(X + 8) * LANES + n] = e2 * o2 - b2 * a2
+    add(a, X, g_row, NINE)
 
 
 @njit(**KERNEL)
-def gravity_adjoint(t, x, r, kb, s, m, g, out, system):
+def torque_adjoint(c, inertia, torque, nx, ny, nz, row, a):
+    """Adjoint of the gradient torque, torque * n x (I n), from that of the moment in rows row to row + 2.
+
+    That of n goes to rows X + 9 to X + 11, that of I to rows X to X + 8.
+    """
+    hx, hy, hz = times(c, inertia, nx, ny, nz)
+    i00 = c[inertia]
+    i01 = c[inertia + 1]
+    i02 = c[inertia + 2]
+    i11 = c[inertia + 4]
+    i12 = c[inertia + 5]
+    i22 = c[inertia + 8]
+    for n in range(LANES):
+        vx = torque * a[row * LANES + n]
+        vy = torque * a[(row + 1) * LANES + n]
+        vz = torque * a[(row + 2) * LANES + n]
+        wx = vy * nz - vz * ny
+        wy = vz * nx - vx * nz
+        wz = vx * ny - vy * nx
+        a[(X + 9) * LANES + n] = hy * vz - hz * vy + i00 * wx + i01 * wy + i02 * wz
+        a[(X + 10) * LANES + n] = hz * vx - hx * vz + i01 * wx + i11 * wy + i12 * wz
+        a[(X + 11) * LANES + n] = hx * vy - hy * vx + i02 * wx + i12 * wy + i22 * wz
+        a[X * LANES + n] = wx * nx
+        a[(X + 1) * LANES + n] = wx * ny
+        a[(X + 2) * LANES + n] = wx * nz
+        a[(X + 3) * LANES + n] = wy * nx
+        a[(X + 4) * LANES + n] = wy * ny
+        a[(X + 5) * LANES + n] = wy * nz
+        a[(X + 6) * LANES + n] = wz * nx
+        a[(X + 7) * LANES + n] = wz * ny
+        a[(X + 8) * LANES + n] = wz * nz
+
+
+@njit(**KERNEL)
+def gravity_adjoint(t, x, at, r, a, c, marks):
     """Add what gravity contributes, to first order in |d| / |r| (1e-7 of an acceleration of 1e-6 m/s2)."""
-    c = system.c
-    ex, ey, ez = orbit_position(t, c[ORBIT], c[39], c[40], c[41], c[42], c[43], c[44])
-    radius = math.sqrt(ex * ex + ey * ey + ez * ez)
-    rate = c[ORBIT] / (radius * radius * radius)
-    ex, ey, ez = ex / radius, ey / radius, ez / radius
-    p = rotation_matrix_elements(x[16], x[17], x[18], x[19])
-    nx, ny, nz = p[0] * ex + p[3] * ey + p[6] * ez, p[1] * ex + p[4] * ey + p[7] * ez, p[2] * ex + p[5] * ey + p[8] * ez
+    w = x[at + 16]
+    u = x[at + 17]
+    v = x[at + 18]
+    z = x[at + 19]
+    nx, ny, nz, rate = earth_vector(t, c, w, u, v, z)
+    nx *= c[INVERSE_RADIUS]
+    ny *= c[INVERSE_RADIUS]
+    nz *= c[INVERSE_RADIUS]
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    ux, uy, uz = r00 * nx + r10 * ny + r20 * nz, r01 * nx + r11 * ny + r21 * nz, r02 * nx + r12 * ny + r22 * nz
-    torque = 3.0 * rate if system.gravity == 2 else 0.0
-    ax, ay, az = times(c, PLATFORM_INERTIA, nx, ny, nz)
-    bx, by, bz = times(c, SATELLITE_INERTIA, ux, uy, uz)
-    dx, dy, dz = x[0], x[1], x[2]
+    dx = x[at]
+    dy = x[at + 1]
+    dz = x[at + 2]
     along = nx * dx + ny * dy + nz * dz
     for n in range(LANES):
         # Differential acceleration: -rate (d - 3 n (n . d)).
-        vx, vy, vz = kb[3, n], kb[4, n], kb[5, n]
+        vx = a[(KB + 3) * LANES + n]
+        vy = a[(KB + 4) * LANES + n]
+        vz = a[(KB + 5) * LANES + n]
         q = nx * vx + ny * vy + nz * vz
-        out[0, n] -= rate * (vx - 3.0 * nx * q)
-        out[1, n] -= rate * (vy - 3.0 * ny * q)
-        out[2, n] -= rate * (vz - 3.0 * nz * q)
-        hx, hy, hz = (
-            3.0 * rate * (along * vx + q * dx),
-            3.0 * rate * (along * vy + q * dy),
-            3.0 * rate * (along * vz + q * dz),
-        )
-        # Gradient torque on the platform, 3 rate n x (I n); s[12:15] is the adjoint of its moment.
-        vx, vy, vz = torque * s[12, n], torque * s[13, n], torque * s[14, n]
-        wx, wy, wz = vy * nz - vz * ny, vz * nx - vx * nz, vx * ny - vy * nx
-        hx += ay * vz - az * vy + c[1] * wx + c[2] * wy + c[3] * wz
-        hy += az * vx - ax * vz + c[4] * wx + c[5] * wy + c[6] * wz
-        hz += ax * vy - ay * vx + c[7] * wx + c[8] * wy + c[9] * wz
-        g[1, n] += wx * nx
-        g[2, n] += wx * ny
-        g[3, n] += wx * nz
-        g[4, n] += wy * nx
-        g[5, n] += wy * ny
-        g[6, n] += wy * nz
-        g[7, n] += wz * nx
-        g[8, n] += wz * ny
-        g[9, n] += wz * nz
-        # The same for the satellite, in its axes: u = R^T n; s[15:18] is the adjoint of its moment.
-        vx, vy, vz = torque * s[15, n], torque * s[16, n], torque * s[17, n]
-        wx, wy, wz = vy * uz - vz * uy, vz * ux - vx * uz, vx * uy - vy * ux
-        g[10, n] += wx * ux
-        g[11, n] += wx * uy
-        g[12, n] += wx * uz
-        g[13, n] += wy * ux
-        g[14, n] += wy * uy
-        g[15, n] += wy * uz
-        g[16, n] += wz * ux
-        g[17, n] += wz * uy
-        g[18, n] += wz * uz
-        gx = by * vz - bz * vy + c[19] * wx + c[20] * wy + c[21] * wz
-        gy = bz * vx - bx * vz + c[22] * wx + c[23] * wy + c[24] * wz
-        gz = bx * vy - by * vx + c[25] * wx + c[26] * wy + c[27] * wz
-        m[0, n] += nx * gx
-        m[1, n] += nx * gy
-        m[2, n] += nx * gz
-        m[3, n] += ny * gx
-        m[4, n] += ny * gy
-        m[5, n] += ny * gz
-        m[6, n] += nz * gx
-        m[7, n] += nz * gy
-        m[8, n] += nz * gz
-        hx += r00 * gx + r01 * gy + r02 * gz
-        hy += r10 * gx + r11 * gy + r12 * gz
-        hz += r20 * gx + r21 * gy + r22 * gz
-        # n = C_1^T e: the adjoint of C_1 is e h^T.
-        m[9, n], m[10, n], m[11, n] = ex * hx, ex * hy, ex * hz
-        m[12, n], m[13, n], m[14, n] = ey * hx, ey * hy, ey * hz
-        m[15, n], m[16, n], m[17, n] = ez * hx, ez * hy, ez * hz
-    add_rotation_adjoint(m, 9, x[16], x[17], x[18], x[19], out, 16)
+        a[OUT * LANES + n] -= rate * (vx - 3.0 * nx * q)
+        a[(OUT + 1) * LANES + n] -= rate * (vy - 3.0 * ny * q)
+        a[(OUT + 2) * LANES + n] -= rate * (vz - 3.0 * nz * q)
+        # The adjoint of n stays in rows X + 12 to X + 14.
+        a[(X + 12) * LANES + n] = 3.0 * rate * (along * vx + q * dx)
+        a[(X + 13) * LANES + n] = 3.0 * rate * (along * vy + q * dy)
+        a[(X + 14) * LANES + n] = 3.0 * rate * (along * vz + q * dz)
+    if marks[GRAVITY_LEVEL] == 2:
+        torque_adjoint(c, PLATFORM_INERTIA, 3.0 * rate, nx, ny, nz, S + 12, a)
+        add(a, X, G_PLATFORM_INERTIA, NINE)
+        add(a, X + 9, X + 12, THREE)
+        ux = r00 * nx + r10 * ny + r20 * nz
+        uy = r01 * nx + r11 * ny + r21 * nz
+        uz = r02 * nx + r12 * ny + r22 * nz
+        torque_adjoint(c, SATELLITE_INERTIA, 3.0 * rate, ux, uy, uz, S + 15, a)
+        add(a, X, G_SATELLITE_INERTIA, NINE)
+        for n in range(LANES):
+            # u = R^T n.
+            gx = a[(X + 9) * LANES + n]
+            gy = a[(X + 10) * LANES + n]
+            gz = a[(X + 11) * LANES + n]
+            a[M * LANES + n] += nx * gx
+            a[(M + 1) * LANES + n] += nx * gy
+            a[(M + 2) * LANES + n] += nx * gz
+            a[(M + 3) * LANES + n] += ny * gx
+            a[(M + 4) * LANES + n] += ny * gy
+            a[(M + 5) * LANES + n] += ny * gz
+            a[(M + 6) * LANES + n] += nz * gx
+            a[(M + 7) * LANES + n] += nz * gy
+            a[(M + 8) * LANES + n] += nz * gz
+            a[(X + 12) * LANES + n] += r00 * gx + r01 * gy + r02 * gz
+            a[(X + 13) * LANES + n] += r10 * gx + r11 * gy + r12 * gz
+            a[(X + 14) * LANES + n] += r20 * gx + r21 * gy + r22 * gz
+    # n = C_1^T e: the adjoint of C_1 is e h^T, with e = C_1 n.
+    p00, p01, p02, p10, p11, p12, p20, p21, p22 = rotation_matrix_elements(w, u, v, z)
+    ex = p00 * nx + p01 * ny + p02 * nz
+    ey = p10 * nx + p11 * ny + p12 * nz
+    ez = p20 * nx + p21 * ny + p22 * nz
+    for n in range(LANES):
+        hx = a[(X + 12) * LANES + n]
+        hy = a[(X + 13) * LANES + n]
+        hz = a[(X + 14) * LANES + n]
+        a[(M + 9) * LANES + n] = ex * hx
+        a[(M + 10) * LANES + n] = ex * hy
+        a[(M + 11) * LANES + n] = ex * hz
+        a[(M + 12) * LANES + n] = ey * hx
+        a[(M + 13) * LANES + n] = ey * hy
+        a[(M + 14) * LANES + n] = ey * hz
+        a[(M + 15) * LANES + n] = ez * hx
+        a[(M + 16) * LANES + n] = ez * hy
+        a[(M + 17) * LANES + n] = ez * hz
+    add_rotation_adjoint(a, M + 9, w, u, v, z, OUT + 16)
 
 
 @njit(**KERNEL)
-def derivative_adjoint(t, x, slope, adjoint, out, system):
-    """Vector-Jacobian products of `rigid_body.derivative`, for LANES adjoints kb (STATE_SIZE, LANES) of its result.
-
-    Writes those of the state into `out`, adds those of the constants to g; `slope` is its result at x.
-    """
-    c, kb, s, m, g = system.c, adjoint.kb, adjoint.s, adjoint.m, adjoint.g
-    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    fx, fy, fz, sx, sy, sz, _, _, _ = spring_sums(x, r, system)
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    inverse_mass = c[INVERSE_REDUCED_MASS]
-    d0, d1, d2, v0, v1, v2 = x[0], x[1], x[2], x[3], x[4], x[5]
-    p0, p1, p2, o0, o1, o2 = x[6], x[7], x[8], x[9], x[10], x[11]
-    q0, q1, q2, q3 = x[12], x[13], x[14], x[15]
-    z0, z1, z2, z3 = x[16], x[17], x[18], x[19]
+def kinematics_adjoint(x, at, a):
+    """Adjoint of the motion of d, w, Q and q1, from that of the slope, KB, to that of the state, OUT."""
+    d0 = x[at]
+    d1 = x[at + 1]
+    d2 = x[at + 2]
+    v0 = x[at + 3]
+    v1 = x[at + 4]
+    v2 = x[at + 5]
+    p0 = x[at + 6]
+    p1 = x[at + 7]
+    p2 = x[at + 8]
+    e0 = x[at + 9] - p0
+    e1 = x[at + 10] - p1
+    e2 = x[at + 11] - p2
+    f0 = x[at + 9] + p0
+    f1 = x[at + 10] + p1
+    f2 = x[at + 11] + p2
+    q0 = x[at + 12]
+    q1 = x[at + 13]
+    q2 = x[at + 14]
+    q3 = x[at + 15]
+    z0 = x[at + 16]
+    z1 = x[at + 17]
+    z2 = x[at + 18]
+    z3 = x[at + 19]
     for n in range(LANES):
         # d' = w - omega_1 x d; w' = F / mu + gravity - omega_1 x w.
-        a0, a1, a2 = kb[0, n], kb[1, n], kb[2, n]
-        b0, b1, b2 = kb[3, n], kb[4, n], kb[5, n]
-        out[0, n] = p1 * a2 - p2 * a1
-        out[1, n] = p2 * a0 - p0 * a2
-        out[2, n] = p0 * a1 - p1 * a0
-        out[3, n] = a0 + p1 * b2 - p2 * b1
-        out[4, n] = a1 + p2 * b0 - p0 * b2
-        out[5, n] = a2 + p0 * b1 - p1 * b0
-        s[0, n], s[1, n], s[2, n] = inverse_mass * b0, inverse_mass * b1, inverse_mass * b2
-        g[0, n] += fx * b0 + fy * b1 + fz * b2
+        a0 = a[KB * LANES + n]
+        a1 = a[(KB + 1) * LANES + n]
+        a2 = a[(KB + 2) * LANES + n]
+        b0 = a[(KB + 3) * LANES + n]
+        b1 = a[(KB + 4) * LANES + n]
+        b2 = a[(KB + 5) * LANES + n]
+        a[OUT * LANES + n] = p1 * a2 - p2 * a1
+        a[(OUT + 1) * LANES + n] = p2 * a0 - p0 * a2
+        a[(OUT + 2) * LANES + n] = p0 * a1 - p1 * a0
+        a[(OUT + 3) * LANES + n] = a0 + p1 * b2 - p2 * b1
+        a[(OUT + 4) * LANES + n] = a1 + p2 * b0 - p0 * b2
+        a[(OUT + 5) * LANES + n] = a2 + p0 * b1 - p1 * b0
         w0 = a1 * d2 - a2 * d1 + b1 * v2 - b2 * v1
         w1 = a2 * d0 - a0 * d2 + b2 * v0 - b0 * v2
         w2 = a0 * d1 - a1 * d0 + b0 * v1 - b1 * v0
         # Q' = (Q (x) [0, omega_2] - [0, omega_1] (x) Q) / 2; q1' = q1 (x) [0, omega_1] / 2.
-        k0, k1, k2, k3 = 0.5 * kb[12, n], 0.5 * kb[13, n], 0.5 * kb[14, n], 0.5 * kb[15, n]
-        e0, e1, e2 = o0 - p0, o1 - p1, o2 - p2
-        f0, f1, f2 = o0 + p0, o1 + p1, o2 + p2
-        out[12, n] = k1 * e0 + k2 * e1 + k3 * e2
-        out[13, n] = -k0 * e0 - k2 * f2 + k3 * f1
-        out[14, n] = -k0 * e1 + k1 * f2 - k3 * f0
-        out[15, n] = -k0 * e2 - k1 * f1 + k2 * f0
+        k0 = 0.5 * a[(KB + 12) * LANES + n]
+        k1 = 0.5 * a[(KB + 13) * LANES + n]
+        k2 = 0.5 * a[(KB + 14) * LANES + n]
+        k3 = 0.5 * a[(KB + 15) * LANES + n]
+        a[(OUT + 12) * LANES + n] = k1 * e0 + k2 * e1 + k3 * e2
+        a[(OUT + 13) * LANES + n] = -k0 * e0 - k2 * f2 + k3 * f1
+        a[(OUT + 14) * LANES + n] = -k0 * e1 + k1 * f2 - k3 * f0
+        a[(OUT + 15) * LANES + n] = -k0 * e2 - k1 * f1 + k2 * f0
         u0 = -k0 * q1 + k1 * q0
         u1 = -k0 * q2 + k2 * q0
         u2 = -k0 * q3 + k3 * q0
         y0 = k2 * q3 - k3 * q2
         y1 = -k1 * q3 + k3 * q1
         y2 = k1 * q2 - k2 * q1
-        k0, k1, k2, k3 = 0.5 * kb[16, n], 0.5 * kb[17, n], 0.5 * kb[18, n], 0.5 * kb[19, n]
-        out[16, n] = k1 * p0 + k2 * p1 + k3 * p2
-        out[17, n] = -k0 * p0 - k2 * p2 + k3 * p1
-        out[18, n] = -k0 * p1 + k1 * p2 - k3 * p0
-        out[19, n] = -k0 * p2 - k1 * p1 + k2 * p0
-        out[6, n] = w0 - u0 + y0 - k0 * z1 + k1 * z0 + k2 * z3 - k3 * z2
-        out[7, n] = w1 - u1 + y1 - k0 * z2 - k1 * z3 + k2 * z0 + k3 * z1
-        out[8, n] = w2 - u2 + y2 - k0 * z3 + k1 * z2 - k2 * z1 + k3 * z0
-        out[9, n], out[10, n], out[11, n] = u0 + y0, u1 + y1, u2 + y2
-        for j in range(6):
-            s[12 + j, n] = kb[6 + j, n]
-    body_adjoint(c, PLATFORM_INERTIA, (p0, p1, p2), slope, s, 12, out, 6, g, G_PLATFORM_INERTIA)
-    body_adjoint(c, SATELLITE_INERTIA, (o0, o1, o2), slope, s, 15, out, 9, g, G_SATELLITE_INERTIA)
-    for n in range(LANES):
-        # The moment on the platform as it is, that on the satellite turned by R^T.
-        s[6, n], s[7, n], s[8, n] = s[12, n], s[13, n], s[14, n]
-        a0, a1, a2 = s[15, n], s[16, n], s[17, n]
-        s[3, n] = r00 * a0 + r01 * a1 + r02 * a2
-        s[4, n] = r10 * a0 + r11 * a1 + r12 * a2
-        s[5, n] = r20 * a0 + r21 * a1 + r22 * a2
-        m[0, n], m[1, n], m[2, n] = sx * a0, sx * a1, sx * a2
-        m[3, n], m[4, n], m[5, n] = sy * a0, sy * a1, sy * a2
-        m[6, n], m[7, n], m[8, n] = sz * a0, sz * a1, sz * a2
-        s[9, n], s[10, n], s[11, n] = 0.0, 0.0, 0.0
-    for i in range(system.springs.shape[0]):
-        if system.active[i]:
-            spring_adjoint(x, r, i, s, m, g, system)
-    if system.gravity != 0:
-        gravity_adjoint(t, x, r, kb, s, m, g, out, system)
-    add_rotation_adjoint(m, 0, q0, q1, q2, q3, out, 12)
-    for n in range(LANES):
-        out[0, n] += s[9, n]
-        out[1, n] += s[10, n]
-        out[2, n] += s[11, n]
+        k0 = 0.5 * a[(KB + 16) * LANES + n]
+        k1 = 0.5 * a[(KB + 17) * LANES + n]
+        k2 = 0.5 * a[(KB + 18) * LANES + n]
+        k3 = 0.5 * a[(KB + 19) * LANES + n]
+        a[(OUT + 16) * LANES + n] = k1 * p0 + k2 * p1 + k3 * p2
+        a[(OUT + 17) * LANES + n] = -k0 * p0 - k2 * p2 + k3 * p1
+        a[(OUT + 18) * LANES + n] = -k0 * p1 + k1 * p2 - k3 * p0
+        a[(OUT + 19) * LANES + n] = -k0 * p2 - k1 * p1 + k2 * p0
+        a[(OUT + 6) * LANES + n] = w0 - u0 + y0 - k0 * z1 + k1 * z0 + k2 * z3 - k3 * z2
+        a[(OUT + 7) * LANES + n] = w1 - u1 + y1 - k0 * z2 - k1 * z3 + k2 * z0 + k3 * z1
+        a[(OUT + 8) * LANES + n] = w2 - u2 + y2 - k0 * z3 + k1 * z2 - k2 * z1 + k3 * z0
+        a[(OUT + 9) * LANES + n] = u0 + y0
+        a[(OUT + 10) * LANES + n] = u1 + y1
+        a[(OUT + 11) * LANES + n] = u2 + y2
 
 
 @njit(**KERNEL)
-def step_adjoint(method, t, x, h, work, system, lam, adjoint):
-    """Pull the adjoint `lam` (STATE_SIZE, LANES) of the end of a step back to its start, in place."""
-    kb, yb = adjoint.kb, adjoint.yb
-    derivative(t, x, work.k, 0, system)
-    stages(method, t, x, h, work, system)
-    last = STAGE_NUMBER[method] - 1
-    for i in range(last, -1, -1):
-        for j in range(STATE_SIZE):
-            for n in range(LANES):
-                kb[j, n] = B[method, i] * lam[j, n]
-        for later in range(i + 1, last + 1):
-            a = A[method, later, i]
-            if a != 0.0:
-                for j in range(STATE_SIZE):
-                    for n in range(LANES):
-                        kb[j, n] += a * yb[later, j, n]
-        for j in range(STATE_SIZE):
-            for n in range(LANES):
-                kb[j, n] *= h
-        derivative_adjoint(t + C[method, i] * h, work.y[i], work.k[i], adjoint, yb[i], system)
-    for i in range(last + 1):
-        for j in range(STATE_SIZE):
-            for n in range(LANES):
-                lam[j, n] += yb[i, j, n]
+def derivative_adjoint(t, x, at, row, a, c, marks):
+    """Vector-Jacobian products of `rigid_body.derivative`, for LANES adjoints of its result in rows KB to KB + 19.
 
-
-@njit(**KERNEL)
-def clearance_adjoint(x, i, lane, at_exit, system, lam, adjoint, tail):
-    """Add to one lane the adjoint of the clearance of envelope point i at state x.
-
-    That is at its exit, whose time moves, or at a fixed or extremal time. Parameter rows from `tail`: CG of the
-    platform, CG of the satellite, radius, depth.
+    Writes those of the state x[at:] into rows OUT to OUT + 19, adds those of the constants to the rows from G on;
+    x[row:] is its result.
     """
-    p, m, g = system.parameters, adjoint.m, adjoint.g
-    m[:9] = 0.0
-    ax, _, az, vx, vy, vz = point_motion(x, system, i)
-    rho = math.sqrt(ax * ax + az * az)
-    bx, by, bz = -ax / rho, 0.0, -az / rho
-    if at_exit:
-        by = (ax * vx + az * vz) / (rho * vy)
-        g[tail + 7, lane] -= by
-    g[tail + 6, lane] += 1.0
-    lam[0, lane] += bx
-    lam[1, lane] += by
-    lam[2, lane] += bz
-    g[tail, lane] += bx
-    g[tail + 1, lane] += by
-    g[tail + 2, lane] += bz
-    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    for j in range(3):
-        arm = system.points[i, j] - p[17 + j]
-        m[j, lane] += bx * arm
-        m[3 + j, lane] += by * arm
-        m[6 + j, lane] += bz * arm
-        g[tail + 3 + j, lane] -= r[j] * bx + r[3 + j] * by + r[6 + j] * bz
-    add_rotation_adjoint(m, 0, x[12], x[13], x[14], x[15], lam, 12)
+    r = rotation_matrix_elements(x[at + 12], x[at + 13], x[at + 14], x[at + 15])
+    fx, fy, fz, sx, sy, sz, _, _, _ = spring_sums(x, at, r, c, marks)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
+    inverse_mass = c[INVERSE_REDUCED_MASS]
+    kinematics_adjoint(x, at, a)
+    for n in range(6 * LANES):
+        a[(S + 12) * LANES + n] = a[(KB + 6) * LANES + n]
+    body_adjoint(
+        c, PLATFORM_INERTIA, x[at + 6], x[at + 7], x[at + 8], x, row + 6, S + 12, OUT + 6, G_PLATFORM_INERTIA, a
+    )
+    body_adjoint(
+        c, SATELLITE_INERTIA, x[at + 9], x[at + 10], x[at + 11], x, row + 9, S + 15, OUT + 9, G_SATELLITE_INERTIA, a
+    )
+    for n in range(LANES):
+        b0 = a[(KB + 3) * LANES + n]
+        b1 = a[(KB + 4) * LANES + n]
+        b2 = a[(KB + 5) * LANES + n]
+        a[S * LANES + n] = inverse_mass * b0
+        a[(S + 1) * LANES + n] = inverse_mass * b1
+        a[(S + 2) * LANES + n] = inverse_mass * b2
+        a[G * LANES + n] += fx * b0 + fy * b1 + fz * b2
+        # The moment on the platform as it is, that on the satellite turned by R^T.
+        a0 = a[(S + 15) * LANES + n]
+        a1 = a[(S + 16) * LANES + n]
+        a2 = a[(S + 17) * LANES + n]
+        a[(S + 3) * LANES + n] = r00 * a0 + r01 * a1 + r02 * a2
+        a[(S + 4) * LANES + n] = r10 * a0 + r11 * a1 + r12 * a2
+        a[(S + 5) * LANES + n] = r20 * a0 + r21 * a1 + r22 * a2
+        a[(S + 6) * LANES + n] = a[(S + 12) * LANES + n]
+        a[(S + 7) * LANES + n] = a[(S + 13) * LANES + n]
+        a[(S + 8) * LANES + n] = a[(S + 14) * LANES + n]
+        a[(S + 9) * LANES + n] = 0.0
+        a[(S + 10) * LANES + n] = 0.0
+        a[(S + 11) * LANES + n] = 0.0
+        a[M * LANES + n] = sx * a0
+        a[(M + 1) * LANES + n] = sx * a1
+        a[(M + 2) * LANES + n] = sx * a2
+        a[(M + 3) * LANES + n] = sy * a0
+        a[(M + 4) * LANES + n] = sy * a1
+        a[(M + 5) * LANES + n] = sy * a2
+        a[(M + 6) * LANES + n] = sz * a0
+        a[(M + 7) * LANES + n] = sz * a1
+        a[(M + 8) * LANES + n] = sz * a2
+    for i in range(marks[SPRING_NUMBER]):
+        if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+            push_adjoint(x, at, r, i, a, c, marks)
+    if marks[GRAVITY_LEVEL] != 0:
+        gravity_adjoint(t, x, at, r, a, c, marks)
+    add_rotation_adjoint(a, M, x[at + 12], x[at + 13], x[at + 14], x[at + 15], OUT + 12)
+    add(a, S + 9, OUT, THREE)
 
 
 @njit(**KERNEL)
-def branch_adjoint(columns, block, index, step, system, work, tape, follow, adjoint, tail):
+def step_adjoint(method, t, x, h, w, c, marks, lam, a):
+    """Pull the adjoint of the end of a step, rows lam to lam + 19, back to its start, in place."""
+    last = STAGE_NUMBER[method] - 1
+    load(x, w)
+    stages(FIRST, last + 1, method, t, h, w, c, marks)
+    for i in range(last, -1, -1):
+        b = h * B[method, i]
+        for n in range(STATE_SIZE * LANES):
+            a[KB * LANES + n] = b * a[lam * LANES + n]
+        for later in range(i + 1, last + 1):
+            b = h * A[method, later, i]
+            if b != 0.0:
+                for n in range(STATE_SIZE * LANES):
+                    a[KB * LANES + n] += b * a[(YB + later * STATE_SIZE) * LANES + n]
+        derivative_adjoint(t + C[method, i] * h, w, i * STATE_SIZE, K + i * STATE_SIZE, a, c, marks)
+        for n in range(STATE_SIZE * LANES):
+            a[(YB + i * STATE_SIZE) * LANES + n] = a[OUT * LANES + n]
+    for i in range(last + 1):
+        add(a, YB + i * STATE_SIZE, lam, ROWS)
+
+
+@njit(**KERNEL)
+def clearance_adjoint(x, i, lane, kind, c, marks, lam, follow, tail, a):
+    """Add to one lane of the rows from `lam` on the adjoint of the clearance of envelope point i at state x.
+
+    That is at its exit, whose time moves, or at a fixed or extremal time. Constants from row `tail`: CG of the
+    platform, CG of the satellite, radius, depth, offsets of the planes.
+    """
+    point = follow.room
+    point_motion(x, c, marks, i, point)
+    _, wall = nearest_wall(c, marks, point)
+    if wall == 0:
+        rho = math.sqrt(point[0] * point[0] + point[2] * point[2])
+        bx = -point[0] / rho
+        by = 0.0
+        bz = -point[2] / rho
+        a[(tail + 6) * LANES + lane] += 1.0
+    else:
+        k = marks[PLANES] + PLANE_COLUMNS * (wall - 1)
+        bx = c[k]
+        by = c[k + 1]
+        bz = c[k + 2]
+        a[(tail + 7 + wall) * LANES + lane] -= 1.0
+    if kind == AT_EXIT:
+        # The exit waits for y = depth.
+        drift = (bx * point[3] + by * point[4] + bz * point[5]) / point[4]
+        by -= drift
+        a[(tail + 7) * LANES + lane] += drift
+    a[lam * LANES + lane] += bx
+    a[(lam + 1) * LANES + lane] += by
+    a[(lam + 2) * LANES + lane] += bz
+    a[tail * LANES + lane] += bx
+    a[(tail + 1) * LANES + lane] += by
+    a[(tail + 2) * LANES + lane] += bz
+    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
+    clear(a, M, NINE)
+    for j in range(3):
+        arm = c[marks[POINTS] + POINT_COLUMNS * i + j] - c[SATELLITE_CG + j]
+        a[(M + j) * LANES + lane] = bx * arm
+        a[(M + 3 + j) * LANES + lane] = by * arm
+        a[(M + 6 + j) * LANES + lane] = bz * arm
+        a[(tail + 3 + j) * LANES + lane] -= r[j] * bx + r[3 + j] * by + r[6 + j] * bz
+    add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], lam + 12)
+
+
+@njit(**ONCE)
+def branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail, a):
     """Add, at tape state `index`, the clearances that are reached from there by one step within step `step`."""
-    point_number = system.points.shape[0]
-    closest, kind = int(follow.closest[1]), int(follow.closest[2])
+    point_number = marks[POINT_NUMBER]
+    closest = int(follow.closest[1])
+    kind = int(follow.closest[2])
     for i in range(point_number + 1):
         # Behind the exits of all points stands the smallest clearance, if it was met between the ends of a step.
         if i < point_number:
@@ -441,169 +692,281 @@ def branch_adjoint(columns, block, index, step, system, work, tape, follow, adjo
             wanted = kind == INSIDE and int(follow.closest[3]) == step and index == step
         if not wanted:
             continue
-        adjoint.branch[:] = 0.0
+        clear(a, BRANCH, ROWS)
         used = False
         for lane in range(LANES):
             column = columns[block + lane]
             if i == point_number:
                 if column == STATE_SIZE + 1:
-                    clearance_adjoint(follow.closest_x, closest, lane, False, system, adjoint.branch, adjoint, tail)
+                    clearance_adjoint(follow.closest_x, closest, lane, INSIDE, c, marks, BRANCH, follow, tail, a)
                     used = True
             elif column == STATE_SIZE + 2 + i or (column == STATE_SIZE + 1 and kind == AT_EXIT and closest == i):
-                clearance_adjoint(follow.x[i], i, lane, True, system, adjoint.branch, adjoint, tail)
+                clearance_adjoint(follow.x[i], i, lane, AT_EXIT, c, marks, BRANCH, follow, tail, a)
                 used = True
         if used:
             h = follow.h[i] if i < point_number else follow.closest[4]
             method = follow.method[i] if i < point_number else EIGHTH_ORDER
-            step_adjoint(method, tape.t[index], tape.x[index], h, work, system, adjoint.branch, adjoint)
-            for n in range(STATE_SIZE):
-                for lane in range(LANES):
-                    adjoint.lam[n, lane] += adjoint.branch[n, lane]
+            step_adjoint(method, tape.t[index], tape.x[index], h, w, c, marks, BRANCH, a)
+            add(a, BRANCH, LAM, ROWS)
 
 
 @njit(**KERNEL)
-def event_adjoint(index, event, spring, system, work, tape, adjoint):
+def event_adjoint(index, event, spring, w, c, marks, tape, a):
     """Correct the adjoints at tape state `index` for the length of the step before it, which its event decides."""
-    x, lam, mu, s, m, g = tape.x[index], adjoint.lam, adjoint.mu, adjoint.s, adjoint.m, adjoint.g
-    derivative(tape.t[index], x, work.k, 0, system)
-    for lane in range(LANES):
-        s[0, lane] = 0.0
+    x = tape.x[index]
+    load(x, w)
+    stages(FIRST, SECOND, EIGHTH_ORDER, tape.t[index], 0.0, w, c, marks)
+    clear(a, X, NINE)
     for n in range(STATE_SIZE):
         for lane in range(LANES):
-            s[0, lane] += lam[n, lane] * work.k[0, n]
+            a[(X + 6) * LANES + lane] += a[(LAM + n) * LANES + lane] * w[K + n]
     k = G_SPRINGS + G_SPRING_SIZE * spring
     if event == PUSH_STARTS:
         # The step's end is the delay itself.
         for lane in range(LANES):
-            g[k + 12, lane] += mu[0, lane] + s[0, lane]
-            mu[0, lane] = -s[0, lane]
+            speed = a[(X + 6) * LANES + lane]
+            a[(k + 12) * LANES + lane] += a[MU * LANES + lane] + speed
+            a[MU * LANES + lane] = -speed
         return
-    _, rate, _ = seat_motion(x, work.k, 0, system, spring)
+    _, rate, _ = seat_motion(w, START, K, c, marks, spring)
     for lane in range(LANES):
-        s[0, lane] = -(s[0, lane] + mu[0, lane]) / rate
-        g[k + 11, lane] -= s[0, lane]
-    m[:9] = 0.0
-    seat_adjoint(x, rotation_matrix_elements(x[12], x[13], x[14], x[15]), spring, s, 0, lam, m, g, system)
-    add_rotation_adjoint(m, 0, x[12], x[13], x[14], x[15], lam, 12)
+        bar = -(a[(X + 6) * LANES + lane] + a[MU * LANES + lane]) / rate
+        a[(X + 6) * LANES + lane] = bar
+        a[(k + 11) * LANES + lane] -= bar
+    clear(a, M, NINE)
+    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
+    spring_adjoint(x, START, r, spring, LAM, a, c, marks)
+    add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], LAM + 12)
 
 
 @njit(**KERNEL)
-def adjoint_sweep(columns, block, last, system, work, tape, follow, adjoint, gradients):
+def switch_back(event, spring, marks):
+    """Undo an event for the marks of the springs; before the first push friction does not act either."""
+    marks[SPRING_MARKS + MARK_COLUMNS * spring + ACTIVE] = int(event == RELEASE)
+    pushing = False
+    for i in range(marks[SPRING_NUMBER]):
+        m = SPRING_MARKS + MARK_COLUMNS * i
+        pushing = pushing or (marks[m + ACTIVE] and marks[m + LAW] != FRICTION)
+    for i in range(marks[SPRING_NUMBER]):
+        m = SPRING_MARKS + MARK_COLUMNS * i
+        if event == PUSH_STARTS and not pushing and marks[m + LAW] == FRICTION:
+            marks[m + ACTIVE] = 0
+
+
+@njit(**ONCE)
+def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradients):
     """Gradients of the base's columns[block:block + LANES] with respect to all parameters, from a finished run.
 
-    They go into gradients[block:block + LANES, :]; a column of -1 gives 0. `system.active` is walked back.
+    They go into gradients[block:block + LANES, :]; a column of -1 gives 0. `marks` are walked back.
     """
-    active, lam, mu = system.active, adjoint.lam, adjoint.mu
-    tail = G_SPRINGS + G_SPRING_SIZE * system.springs.shape[0]
-    lam[:] = 0.0
-    mu[:] = 0.0
-    adjoint.g[:] = 0.0
-    active[:] = False
+    tail = G_SPRINGS + G_SPRING_SIZE * marks[SPRING_NUMBER]
+    clear(a, LAM, STATE_SIZE + 1)
+    clear(a, G, tail + 8 + marks[PLANE_NUMBER] - G)
     # Steps behind the last release matter only to clearances.
     top = last
-    for i in range(system.points.shape[0]):
+    for i in range(marks[SPRING_NUMBER]):
+        marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE] = 0
+    for i in range(marks[POINT_NUMBER]):
         top = max(top, follow.base[i])
     for index in range(top, -1, -1):
         if index == last:
             for lane in range(LANES):
                 column = columns[block + lane]
                 if 0 <= column < STATE_SIZE:
-                    lam[column, lane] += 1.0
+                    a[(LAM + column) * LANES + lane] += 1.0
                 elif column == STATE_SIZE:
-                    mu[0, lane] = 1.0
-        branch_adjoint(columns, block, index, index, system, work, tape, follow, adjoint, tail)
+                    a[MU * LANES + lane] = 1.0
+        # First what is reached from here within the step that starts here, then within the one that ends here: its
+        # event lies between the two.
+        for step in range(index, index - 2, -1):
+            if step < index and step >= 0 and tape.event[step] != NOTHING:
+                switch_back(tape.event[step], tape.spring[step], marks)
+            branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail, a)
         if index > 0:
             step = index - 1
-            event, spring = tape.event[step], tape.spring[step]
-            if event != NOTHING:
-                active[spring] = event == RELEASE
-            branch_adjoint(columns, block, index, step, system, work, tape, follow, adjoint, tail)
-            if event != NOTHING:
-                event_adjoint(index, event, spring, system, work, tape, adjoint)
+            if tape.event[step] != NOTHING:
+                event_adjoint(index, tape.event[step], tape.spring[step], w, c, marks, tape, a)
             if tape.h[step] != 0.0:
-                step_adjoint(tape.method[step], tape.t[step], tape.x[step], tape.h[step], work, system, lam, adjoint)
-    if system.points.shape[0] > 0 and int(follow.closest[2]) == AT_START:
+                step_adjoint(tape.method[step], tape.t[step], tape.x[step], tape.h[step], w, c, marks, LAM, a)
+    if marks[POINT_NUMBER] > 0 and int(follow.closest[2]) == AT_START:
         for lane in range(LANES):
             if columns[block + lane] == STATE_SIZE + 1:
-                clearance_adjoint(tape.x[0], int(follow.closest[1]), lane, False, system, lam, adjoint, tail)
-    initial_adjoint(system, tape.x[0], adjoint, tail, block, gradients)
+                clearance_adjoint(tape.x[0], int(follow.closest[1]), lane, INSIDE, c, marks, LAM, follow, tail, a)
+    x = tape.x[0]
     for lane in range(LANES):
-        parameter_adjoint(system, lane, adjoint.g, tail, gradients[block + lane])
+        initial_adjoint(p, c, x, lane, tail, a, gradients[block + lane])
+    add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], LAM + 12)
+    for lane in range(LANES):
+        mounting_adjoint(p, lane, a, gradients[block + lane])
+        parameter_adjoint(p, marks, lane, tail, a, gradients[block + lane])
 
 
 @njit(**KERNEL)
-def initial_adjoint(system, x, adjoint, tail, block, gradients):
-    """From the adjoint of the initial state to those of rates, mounting error, CGs and stowed length; see `prepare`."""
-    p, lam, m, g = system.parameters, adjoint.lam, adjoint.m, adjoint.g
-    r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    angle_squared = p[23] ** 2 + p[24] ** 2 + p[25] ** 2
-    scale, bend = 0.5 - angle_squared / 48.0, -1.0 / 24.0 + angle_squared / 960.0
-    if angle_squared > 1e-4:
-        angle = math.sqrt(angle_squared)
+def initial_adjoint(p, c, x, lane, tail, a, gradient):
+    """From the adjoint of the initial state to those of rates, impulses, mounting error, CGs and stowed length.
+
+    See `flight.prepare`.
+    """
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[12], x[13], x[14], x[15])
+    ix = p[29]
+    iy = p[30]
+    iz = p[31]
+    ox = p[20]
+    oy = p[21]
+    oz = p[22]
+    # w = Omega x d + Delta p / mu.
+    w = LAM * LANES + lane
+    wx = a[w + 3 * LANES]
+    wy = a[w + 4 * LANES]
+    wz = a[w + 5 * LANES]
+    dx = a[w] + wy * oz - wz * oy
+    dy = a[w + LANES] + wz * ox - wx * oz
+    dz = a[w + 2 * LANES] + wx * oy - wy * ox
+    a[G * LANES + lane] += wx * ix + wy * iy + wz * iz
+    # omega_1 = Omega + I_1^-1 (-Delta h + (c_1 - l_0 y) x Delta p).
+    px = a[w + 6 * LANES]
+    py = a[w + 7 * LANES]
+    pz = a[w + 8 * LANES]
+    ax, ay, az = times(c, PLATFORM_INVERSE_INERTIA, px, py, pz)
+    # omega_2 = R^T Omega + I_2^-1 R^T h with h = Delta h - u x Delta p, u = R c_2.
+    vx = a[w + 9 * LANES]
+    vy = a[w + 10 * LANES]
+    vz = a[w + 11 * LANES]
+    bx, by, bz = times(c, SATELLITE_INVERSE_INERTIA, vx, vy, vz)
+    gradient[20] = x[1] * wz - x[2] * wy + px + r00 * vx + r01 * vy + r02 * vz
+    gradient[21] = x[2] * wx - x[0] * wz + py + r10 * vx + r11 * vy + r12 * vz
+    gradient[22] = x[0] * wy - x[1] * wx + pz + r20 * vx + r21 * vy + r22 * vz
+    # The adjoint of h; what turns with R: h, Omega and, through u, d and the arm of Delta p.
+    hx = r00 * bx + r01 * by + r02 * bz
+    hy = r10 * bx + r11 * by + r12 * bz
+    hz = r20 * bx + r21 * by + r22 * bz
+    ux = r00 * p[17] + r01 * p[18] + r02 * p[19]
+    uy = r10 * p[17] + r11 * p[18] + r12 * p[19]
+    uz = r20 * p[17] + r21 * p[18] + r22 * p[19]
+    qx = dx - iy * hz + iz * hy
+    qy = dy - iz * hx + ix * hz
+    qz = dz - ix * hy + iy * hx
+    kx = p[32] - uy * iz + uz * iy
+    ky = p[33] - uz * ix + ux * iz
+    kz = p[34] - ux * iy + uy * ix
+    m = M * LANES + lane
+    a[m] = ox * vx + kx * bx + qx * p[17]
+    a[m + LANES] = ox * vy + kx * by + qx * p[18]
+    a[m + 2 * LANES] = ox * vz + kx * bz + qx * p[19]
+    a[m + 3 * LANES] = oy * vx + ky * bx + qy * p[17]
+    a[m + 4 * LANES] = oy * vy + ky * by + qy * p[18]
+    a[m + 5 * LANES] = oy * vz + ky * bz + qy * p[19]
+    a[m + 6 * LANES] = oz * vx + kz * bx + qz * p[17]
+    a[m + 7 * LANES] = oz * vy + kz * by + qz * p[18]
+    a[m + 8 * LANES] = oz * vz + kz * bz + qz * p[19]
+    gradient[32] = hx - ax
+    gradient[33] = hy - ay
+    gradient[34] = hz - az
+    ex = p[7]
+    ey = p[8] - p[STOWED]
+    ez = p[9]
+    gradient[29] = c[INVERSE_REDUCED_MASS] * wx - (hy * uz - hz * uy) + (ay * ez - az * ey)
+    gradient[30] = c[INVERSE_REDUCED_MASS] * wy - (hz * ux - hx * uz) + (az * ex - ax * ez)
+    gradient[31] = c[INVERSE_REDUCED_MASS] * wz - (hx * uy - hy * ux) + (ax * ey - ay * ex)
+    # The adjoint of the arm c_1 - l_0 y; and d = u - c_1 + l_0 y.
+    ex = iy * az - iz * ay - dx
+    ey = iz * ax - ix * az - dy
+    ez = ix * ay - iy * ax - dz
+    a[G_STOWED * LANES + lane] -= ey
+    t = tail * LANES + lane
+    a[t] += ex
+    a[t + LANES] += ey
+    a[t + 2 * LANES] += ez
+    a[t + 3 * LANES] += r00 * qx + r10 * qy + r20 * qz
+    a[t + 4 * LANES] += r01 * qx + r11 * qy + r21 * qz
+    a[t + 5 * LANES] += r02 * qx + r12 * qy + r22 * qz
+    # The rates that the impulses gave both bodies, for their inertias.
+    k0 = x[9] - (r00 * ox + r10 * oy + r20 * oz)
+    k1 = x[10] - (r01 * ox + r11 * oy + r21 * oz)
+    k2 = x[11] - (r02 * ox + r12 * oy + r22 * oz)
+    for j in range(3):
+        b = bx if j == 0 else by if j == 1 else bz
+        e = ax if j == 0 else ay if j == 1 else az
+        q = (G_SATELLITE_INERTIA + 3 * j) * LANES + lane
+        a[q] -= b * k0
+        a[q + LANES] -= b * k1
+        a[q + 2 * LANES] -= b * k2
+        q = (G_PLATFORM_INERTIA + 3 * j) * LANES + lane
+        a[q] -= e * (x[6] - ox)
+        a[q + LANES] -= e * (x[7] - oy)
+        a[q + 2 * LANES] -= e * (x[8] - oz)
+
+
+@njit(**KERNEL)
+def mounting_adjoint(p, lane, a, gradient):
+    """From the adjoint of the initial quaternion of the satellite to that of the mounting error, a rotation vector."""
+    square = p[23] ** 2 + p[24] ** 2 + p[25] ** 2
+    scale = 0.5 - square / 48.0
+    bend = -1.0 / 24.0 + square / 960.0
+    if square > 1e-4:
+        angle = math.sqrt(square)
         scale = math.sin(0.5 * angle) / angle
-        bend = (0.5 * math.cos(0.5 * angle) - scale) / angle_squared
-    for n in range(LANES):
-        # w = Omega x d.
-        wx, wy, wz = lam[3, n], lam[4, n], lam[5, n]
-        ox, oy, oz = cross(x[0], x[1], x[2], wx, wy, wz)
-        dx, dy, dz = cross(wx, wy, wz, p[20], p[21], p[22])
-        dx, dy, dz = dx + lam[0, n], dy + lam[1, n], dz + lam[2, n]
-        # omega_2 = R^T Omega.
-        ux, uy, uz = lam[9, n], lam[10, n], lam[11, n]
-        gradients[block + n, 20] = ox + lam[6, n] + r[0] * ux + r[1] * uy + r[2] * uz
-        gradients[block + n, 21] = oy + lam[7, n] + r[3] * ux + r[4] * uy + r[5] * uz
-        gradients[block + n, 22] = oz + lam[8, n] + r[6] * ux + r[7] * uy + r[8] * uz
-        # d = R c_2 - c_1 + l_0 y.
-        g[G_STOWED, n] += dy
-        g[tail, n] -= dx
-        g[tail + 1, n] -= dy
-        g[tail + 2, n] -= dz
-        for j in range(3):
-            u = lam[9 + j, n]
-            m[j, n] = p[20] * u + dx * p[17 + j]
-            m[3 + j, n] = p[21] * u + dy * p[17 + j]
-            m[6 + j, n] = p[22] * u + dz * p[17 + j]
-            g[tail + 3 + j, n] += r[j] * dx + r[3 + j] * dy + r[6 + j] * dz
-    add_rotation_adjoint(m, 0, x[12], x[13], x[14], x[15], lam, 12)
-    for n in range(LANES):
-        along = lam[13, n] * p[23] + lam[14, n] * p[24] + lam[15, n] * p[25]
-        for j in range(3):
-            gradients[block + n, 23 + j] = scale * lam[13 + j, n] + p[23 + j] * (
-                bend * along - 0.5 * scale * lam[12, n]
-            )
+        bend = (0.5 * math.cos(0.5 * angle) - scale) / square
+    q = (LAM + 12) * LANES + lane
+    along = a[q + LANES] * p[23] + a[q + 2 * LANES] * p[24] + a[q + 3 * LANES] * p[25]
+    for j in range(3):
+        gradient[23 + j] = scale * a[q + (1 + j) * LANES] + p[23 + j] * (bend * along - 0.5 * scale * a[q])
 
 
 @njit(**KERNEL)
-def parameter_adjoint(system, lane, g, tail, gradient):
-    """From the adjoints of the constants of a run to those of its parameters; see `prepare`."""
-    p = system.parameters
+def parameter_adjoint(p, marks, lane, tail, a, gradient):
+    """From the adjoints of the constants of a run to those of its parameters; see `flight.prepare`."""
     stowed = p[STOWED]
-    g_stowed = g[G_STOWED, lane]
+    g_stowed = a[G_STOWED * LANES + lane]
     for body in range(2):
-        k, q = 10 * body, 1 + 9 * body
-        gradient[k] = -g[0, lane] / p[k] ** 2
-        gradient[k + 1], gradient[k + 2], gradient[k + 3] = g[q, lane], g[q + 4, lane], g[q + 8, lane]
-        gradient[k + 4] = g[q + 1, lane] + g[q + 3, lane]
-        gradient[k + 5] = g[q + 2, lane] + g[q + 6, lane]
-        gradient[k + 6] = g[q + 5, lane] + g[q + 7, lane]
+        k = 10 * body
+        q = (G_PLATFORM_INERTIA + 9 * body) * LANES + lane
+        gradient[k] = -a[G * LANES + lane] / p[k] ** 2
+        gradient[k + 1] = a[q]
+        gradient[k + 2] = a[q + 4 * LANES]
+        gradient[k + 3] = a[q + 8 * LANES]
+        gradient[k + 4] = a[q + LANES] + a[q + 3 * LANES]
+        gradient[k + 5] = a[q + 2 * LANES] + a[q + 6 * LANES]
+        gradient[k + 6] = a[q + 5 * LANES] + a[q + 7 * LANES]
         for j in range(3):
-            gradient[k + 7 + j] = g[tail + 3 * body + j, lane]
-    gradient[27], gradient[28] = g[tail + 6, lane], g[tail + 7, lane]
-    for i in range(system.springs.shape[0]):
-        k, q = G_SPRINGS + G_SPRING_SIZE * i, COMMON_SIZE + SPRING_SIZE * i
-        angle, radius, cant = p[q], p[q + 1], p[q + 5]
-        ca, sa, cb, sb = math.cos(angle), math.sin(angle), math.cos(cant), math.sin(cant)
-        ax, ay, az = g[k, lane], g[k + 1, lane], g[k + 2, lane]
-        bx, by, bz = g[k + 3, lane], g[k + 4, lane], g[k + 5, lane]
-        nx, ny, nz = g[k + 6, lane] - stowed * ax, g[k + 7, lane] - stowed * ay, g[k + 8, lane] - stowed * az
+            gradient[k + 7 + j] = a[(tail + 3 * body + j) * LANES + lane]
+    gradient[27] = a[(tail + 6) * LANES + lane]
+    gradient[28] = a[(tail + 7) * LANES + lane]
+    gradient[35] = a[G_FRICTION * LANES + lane]
+    for i in range(marks[SPRING_NUMBER]):
+        k = (G_SPRINGS + G_SPRING_SIZE * i) * LANES + lane
+        q = COMMON_SIZE + SPRING_SIZE * i
+        radius = p[q + 1]
+        ca = math.cos(p[q])
+        sa = math.sin(p[q])
+        cb = math.cos(p[q + 5])
+        sb = math.sin(p[q + 5])
+        ax = a[k]
+        ay = a[k + LANES]
+        az = a[k + 2 * LANES]
+        bx = a[k + 3 * LANES]
+        by = a[k + 4 * LANES]
+        bz = a[k + 5 * LANES]
+        nx = a[k + 6 * LANES] - stowed * ax
+        ny = a[k + 7 * LANES] - stowed * ay
+        nz = a[k + 8 * LANES] - stowed * az
         g_stowed += ax * sb * sa + ay * (1.0 - cb) - az * sb * ca
         gradient[q] = radius * (ca * (az + bz) - sa * (ax + bx)) - sb * (ca * nx + sa * nz)
         gradient[q + 1] = ca * (ax + bx) + sa * (az + bz)
-        gradient[q + 2] = g[k + 9, lane]
-        gradient[q + 3], gradient[q + 4] = g[k + 10, lane], 0.0
-        gradient[q + 4 if p[q + 4] <= p[q + 3] else q + 3] += g[k + 11, lane]
+        gradient[q + 2] = a[k + 9 * LANES]
+        gradient[q + 3] = a[k + 10 * LANES]
+        gradient[q + 4] = 0.0
+        by_deformation = marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == LINEAR and p[q + 3] < p[q + 4]
+        gradient[q + 3 if by_deformation else q + 4] += a[k + 11 * LANES]
         gradient[q + 5] = cb * (ca * nz - sa * nx) - sb * ny
-        gradient[q + 6] = g[k + 12, lane]
-        gradient[7], gradient[8], gradient[9] = gradient[7] - ax, gradient[8] - ay, gradient[9] - az
-        gradient[17], gradient[18], gradient[19] = gradient[17] - bx, gradient[18] - by, gradient[19] - bz
+        gradient[q + 6] = a[k + 12 * LANES]
+        gradient[q + 7] = a[k + 13 * LANES]
+        gradient[7] -= ax
+        gradient[8] -= ay
+        gradient[9] -= az
+        gradient[17] -= bx
+        gradient[18] -= by
+        gradient[19] -= bz
     gradient[26] = g_stowed
+    for wall in range(marks[PLANE_NUMBER]):
+        gradient[COMMON_SIZE + SPRING_SIZE * marks[SPRING_NUMBER] + wall] = a[(tail + 8 + wall) * LANES + lane]

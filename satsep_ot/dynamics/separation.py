@@ -12,8 +12,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.dynamics.system import integers
 
 # The flat parameter vector of a run. A uncertain input or a design variable is a direction in this space.
 _INERTIA_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -26,8 +28,11 @@ _COMMON_NAMES = (
     "stowed_length",
     "recess.radius",
     "recess.depth",
+    *(f"impulse.{axis}" for axis in "xyz"),
+    *(f"angular_impulse.{axis}" for axis in "xyz"),
+    "guide_friction",
 )
-_SPRING_NAMES = ("angle", "radius", "stiffness", "deformation", "stroke", "cant", "delay")
+_SPRING_NAMES = ("angle", "radius", "stiffness", "deformation", "stroke", "cant", "delay", "scale")
 
 
 class Pivot(enum.IntEnum):
@@ -47,6 +52,7 @@ class Status(enum.IntEnum):
     TOO_MANY_STEPS = 4
     PENETRATION = 5
     INVALID_PARAMETERS = 6
+    NO_SPRING = 7
 
     @property
     def sentence(self):
@@ -61,6 +67,7 @@ _SENTENCES = {
     Status.TOO_MANY_STEPS: "the motion needed more steps than are allowed: it is too violent for the horizon",
     Status.PENETRATION: "the bodies penetrate each other by more than 1 mm at a spring seat",
     Status.INVALID_PARAMETERS: "a parameter is not finite or not physical",
+    Status.NO_SPRING: "every spring has failed: nothing pushes the bodies apart",
 }
 
 
@@ -112,17 +119,25 @@ class Body:
 
 @dataclass(frozen=True)
 class Springs:
-    """The separation springs; every field is an array of shape (N,), or a number that holds for all.
+    """The separation springs; every number is an array of shape (N,), or one that holds for all.
 
     Parameters
     ----------
     angle : position on the ring [rad], seat at R (cos alpha, 0, sin alpha) from the ring centre (eq. 5).
     radius : ring radius R [m].
-    stiffness : K [N/m], positive.
-    deformation : initial compression xi [m], positive.
-    stroke : L [m], positive; the spring is released at min(L, xi).
+    stiffness : K [N/m], positive; 0 where another law than the linear one holds.
+    deformation : initial compression xi [m], positive; 0 where another law than the linear one holds.
+    stroke : L [m], positive; a linear spring is released at min(L, xi), another one at L.
     cant : tangential tilt of the guide [rad], towards increasing angle.
     delay : release delay tau [s], not negative.
+    scale : factor of the force, 1 by default; 0 is a spring that has failed: it is absent. The force [N] of a FRICTION.
+    tables : for each spring None or a measured force-stroke table, shape (K, 2): stroke [m], from 0, and force [N].
+    laws : the `ForceLaw` of each spring; by default TABLE where there is a table and LINEAR elsewhere.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, or a table is not a table.
 
     Examples
     --------
@@ -138,6 +153,9 @@ class Springs:
     stroke: np.ndarray
     cant: np.ndarray = 0.0
     delay: np.ndarray = 0.0
+    scale: np.ndarray = 1.0
+    tables: tuple | None = None
+    laws: np.ndarray | None = None
 
     def __post_init__(self):
         count = np.size(self.angle)
@@ -148,13 +166,98 @@ class Springs:
                     f"springs.{name} has shape {value.shape}; one number or {count} (at least 1) are allowed"
                 )
             object.__setattr__(self, name, np.broadcast_to(value, count).copy())
+        tables = (None,) * count if self.tables is None else tuple(self.tables)
+        if len(tables) != count:
+            raise ValueError(f"springs.tables has {len(tables)} entries; one (or None) for each of {count} springs")
+        tables = tuple(
+            None if table is None else _checked_table(i, table, self.stroke[i]) for i, table in enumerate(tables)
+        )
+        default = [ForceLaw.LINEAR if table is None else ForceLaw.TABLE for table in tables]
+        laws = np.array(default if self.laws is None else self.laws, dtype=np.int64)
+        if laws.shape != (count,) or any(
+            (law == ForceLaw.TABLE) != (tables[i] is not None) for i, law in enumerate(laws)
+        ):
+            raise ValueError(f"springs.laws = {laws.tolist()}; one law for each spring, TABLE where there is a table")
+        object.__setattr__(self, "tables", tables)
+        object.__setattr__(self, "laws", laws)
 
     def __len__(self):
         return self.angle.size
 
     def parameters(self):
-        """Seven numbers a spring, spring by spring, as they stand in the flat parameter vector."""
+        """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector."""
         return np.stack([getattr(self, name) for name in _SPRING_NAMES], axis=1).ravel()
+
+    def joined(self, other):
+        """These springs and then those of `other`."""
+        values = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in (*_SPRING_NAMES, "laws")
+        }
+        return Springs(**values, tables=self.tables + other.tables)
+
+
+def _checked_table(i, table, stroke):
+    """The force-stroke table of spring i as an array, or an error that says what is wrong with it."""
+    table = np.asarray(table, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
+        raise ValueError(
+            f"springs.tables[{i}] has shape {table.shape}; two or more finite rows of stroke [m] and force [N] needed"
+        )
+    back = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
+    if back.size:
+        k = back[0]
+        raise ValueError(
+            f"springs.tables[{i}]: stroke {table[k + 1, 0]} m follows {table[k, 0]} m; ascending strokes are allowed"
+        )
+    if table[0, 0] > 0.0 or table[-1, 0] < stroke:
+        raise ValueError(
+            f"springs.tables[{i}] goes from {table[0, 0]} to {table[-1, 0]} m; it must cover 0 to {stroke} m"
+        )
+    return table
+
+
+def umbilical(angle, radius, stiffness, deformation, stroke, friction, engagement):
+    """An umbilical connector as two springs: its short, off-centre push, and the friction of its pins.
+
+    Parameters
+    ----------
+    angle, radius : float
+        Where it sits on the plane of the ring [rad, m].
+    stiffness, deformation, stroke : float
+        Of its spring [N/m, m, m].
+    friction : float
+        Force of the pins [N], not negative. It holds the bodies back while the pins are engaged, from the first push
+        of any spring on (sliding friction, Coulomb's law; the bodies do not slide before that).
+    engagement : float
+        Stroke at which the pins leave the socket [m].
+
+    Returns
+    -------
+    springs : Springs
+        To be joined to the separation springs.
+
+    Raises
+    ------
+    ValueError
+        If the friction is negative.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import umbilical
+    >>> len(umbilical(0.0, 0.25, 2000.0, 0.008, 0.006, friction=15.0, engagement=0.005))
+    2
+    """
+    if not 0.0 <= friction < np.inf:
+        raise ValueError(f"friction = {friction} N; a force that is not negative is allowed")
+    return Springs(
+        [angle, angle],
+        radius,
+        [stiffness, 0.0],
+        [deformation, 0.0],
+        [stroke, engagement],
+        scale=[1.0, friction],
+        laws=[ForceLaw.LINEAR, ForceLaw.FRICTION],
+    )
 
 
 @dataclass(frozen=True)
@@ -170,9 +273,9 @@ class Separation:
     springs : Springs
         At least one.
     force_line : ForceLine
-        GUIDED or STRUT.
+        GUIDED, STRUT or NORMAL.
     stowed_length : float
-        Distance l_0 between the seats of a stowed spring [m]; positive for STRUT, 0 for GUIDED.
+        Distance l_0 between the seats of a stowed spring [m]; positive for STRUT, 0 for the others.
     attitude : array_like, shape (4,)
         Quaternion of the platform at t = 0, body to ECI.
     rates : array_like, shape (3,)
@@ -186,9 +289,19 @@ class Separation:
     gradient_torque : bool
         Whether the gravity-gradient torque acts.
     envelope : array_like, shape (E, 3), or None
-        Points of the satellite from its ring centre in its axes [m], whose clearance in the recess is asked for.
+        Points of the satellite from its ring centre in its axes [m]; their clearance in the recess is asked for.
     recess_radius, recess_depth : float
-        The platform's recess [m]: a cylinder about y from its ring plane, y = 0, up to y = depth.
+        The platform's recess [m]: a cylinder about y from its ring plane, y = 0, to y = depth. Radius 0: no cylinder.
+    recess_planes : array_like, shape (W, 4), or None
+        Plane walls of the recess: a normal into the free side and an offset h [m]; free is where normal . r >= h, with
+        r from the platform's ring centre. Normals are scaled to length 1, the offsets with them.
+    impulse, angular_impulse : array_like, shape (3,)
+        What bolts or a clamp band give the satellite at t = 0, and the platform the opposite of: Delta p [N s] at the
+        ring centre, and Delta h [N m s], in platform axes.
+    guide_friction : float
+        Friction coefficient between rod and guide. Only the NORMAL line loads the guide laterally: 0 for the others.
+    recontact : Recontact or None
+        The window in which the smallest distance after the release is asked for; it needs an orbit.
     horizon : float
         When the simulation gives up [s].
 
@@ -223,10 +336,16 @@ class Separation:
     envelope: np.ndarray | None = None
     recess_radius: float = 0.0
     recess_depth: float = 0.0
+    recess_planes: np.ndarray | None = None
+    impulse: np.ndarray = (0.0, 0.0, 0.0)
+    angular_impulse: np.ndarray = (0.0, 0.0, 0.0)
+    guide_friction: float = 0.0
+    recontact: Recontact | None = None
     horizon: float = 10.0
 
     def __post_init__(self):
-        for name, size in (("attitude", 4), ("rates", 3), ("mounting_error", 3)):
+        vectors = (("attitude", 4), ("rates", 3), ("mounting_error", 3), ("impulse", 3), ("angular_impulse", 3))
+        for name, size in vectors:
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape != (size,):
                 raise ValueError(f"{name} = {getattr(self, name)!r}; {size} numbers are allowed")
@@ -239,6 +358,16 @@ class Separation:
             raise ValueError(f"horizon = {self.horizon} s; a positive time is allowed")
         if self.gradient_torque and self.orbit is None:
             raise ValueError("gradient_torque is on without an orbit; give the orbit or switch it off")
+        if self.recontact is not None and self.orbit is None:
+            raise ValueError("recontact is asked for without an orbit; give the orbit or leave it out")
+        planes = (
+            np.zeros((0, 4)) if self.recess_planes is None else np.atleast_2d(np.array(self.recess_planes, dtype=float))
+        )
+        if planes.shape[1:] != (4,) or not np.isfinite(planes).all() or not planes[:, :3].any(axis=1).all():
+            raise ValueError(
+                f"recess_planes = {planes.tolist()}; finite rows of a normal, not 0, and an offset [m] are allowed"
+            )
+        object.__setattr__(self, "recess_planes", planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True))
         if self.envelope is not None:
             points = np.atleast_2d(np.asarray(self.envelope, dtype=float))
             if points.shape[1:] != (3,) or not np.isfinite(points).all():
@@ -261,14 +390,18 @@ class Separation:
                 self.rates,
                 self.mounting_error,
                 [self.stowed_length, self.recess_radius, self.recess_depth],
+                self.impulse,
+                self.angular_impulse,
+                [self.guide_friction],
                 self.springs.parameters(),
+                self.recess_planes[:, 3],
             ]
         )
 
     def parameter_names(self):
         """The P names of the flat parameter vector."""
         springs = [f"springs[{i}].{name}" for i in range(len(self.springs)) for name in _SPRING_NAMES]
-        return [*_COMMON_NAMES, *springs]
+        return [*_COMMON_NAMES, *springs, *(f"planes[{i}].offset" for i in range(len(self.recess_planes)))]
 
     def recess_points(self):
         """The envelope points that start in the recess, shape (E', 3) [m]: those whose clearance is followed."""
@@ -295,20 +428,24 @@ COMMON_SIZE = len(_COMMON_NAMES)
 SPRING_SIZE = len(_SPRING_NAMES)
 
 # Positions in the flat parameter vector, for the kernels.
-PLATFORM, SATELLITE, RATES, MOUNTING_ERROR = 0, 10, 20, 23
-STOWED, RECESS_RADIUS, RECESS_DEPTH = 26, 27, 28
+PLATFORM, SATELLITE, RATES, MOUNTING_ERROR = integers(0, 10, 20, 23)
+STOWED, RECESS_RADIUS, RECESS_DEPTH = integers(26, 27, 28)
+IMPULSE, ANGULAR_IMPULSE, FRICTION_COEFFICIENT = integers(29, 32, 35)
 
 
 def invalid_parameter(separation, parameters):
     """What is wrong with a parameter vector, in one sentence that names it; None if nothing is."""
-    names = separation.parameter_names()
-    for name, value in zip(names, parameters, strict=True):
+    laws = separation.springs.laws
+    for name, value in zip(separation.parameter_names(), parameters, strict=True):
         last = name.split(".")[-1]
         if not np.isfinite(value):
             return f"{name} = {value}; a finite number is allowed"
-        if last in ("mass", "stiffness", "deformation", "stroke") and value <= 0.0:
+        linear = not name.startswith("springs") or laws[int(name[8 : name.index("]")])] == ForceLaw.LINEAR
+        if (last in ("mass", "stroke") or (last in ("stiffness", "deformation") and linear)) and value <= 0.0:
             return f"{name} = {value}; a positive number is allowed"
-        if name.startswith("springs") and last in ("radius", "delay") and value < 0.0:
+        if last in ("stiffness", "deformation") and not linear and value != 0.0:
+            return f"{name} = {value}; 0 is allowed, since another law than the linear one holds for this spring"
+        if name.startswith("springs") and last in ("radius", "delay", "scale") and value < 0.0:
             return f"{name} = {value}; a number that is not negative is allowed"
     for body, start in (("platform", PLATFORM), ("satellite", SATELLITE)):
         xx, yy, zz, xy, xz, yz = parameters[start + 1 : start + 7]
@@ -320,14 +457,24 @@ def invalid_parameter(separation, parameters):
                 f"{body}.inertia has the principal moments {moments} kg m2; none may exceed the sum of the other two "
                 "(triangle inequality)"
             )
-    stowed = parameters[STOWED]
+    stowed, friction = parameters[STOWED], parameters[FRICTION_COEFFICIENT]
     if separation.force_line == ForceLine.STRUT and stowed <= 0.0:
         return (
             f"stowed_length = {stowed} m; a strut needs a positive one, since with coinciding seats it has no "
             "direction and buckles"
         )
-    if separation.force_line == ForceLine.GUIDED and stowed != 0.0:
-        return f"stowed_length = {stowed} m; a guided spring has 0 (only struts have a stowed length)"
-    if separation.envelope is not None and (parameters[RECESS_RADIUS] <= 0.0 or parameters[RECESS_DEPTH] <= 0.0):
-        return f"recess = {parameters[RECESS_RADIUS : RECESS_DEPTH + 1]} m; a positive radius and depth are allowed"
+    if separation.force_line != ForceLine.STRUT and stowed != 0.0:
+        return f"stowed_length = {stowed} m; 0 is allowed here (only struts have a stowed length)"
+    if friction < 0.0 or (separation.force_line != ForceLine.NORMAL and friction != 0.0):
+        return (
+            f"guide_friction = {friction}; 0, or a positive coefficient with the force line NORMAL, is allowed: the "
+            "only one that loads the guide laterally"
+        )
+    radius, depth = parameters[RECESS_RADIUS : RECESS_DEPTH + 1]
+    walls = radius > 0.0 or (radius == 0.0 and len(separation.recess_planes))
+    if separation.envelope is not None and not (depth > 0.0 and walls):
+        return (
+            f"recess: radius = {radius} m, depth = {depth} m; a positive depth is allowed, and a positive radius (or 0 "
+            "where planes bound it)"
+        )
     return None

@@ -1,168 +1,179 @@
 """Simulate many separations at once: `simulate` for their outcomes, `trajectory` for one over time."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
+import numba
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
-from satsep_ot.dynamics.integration import STAGES, Work
+from satsep_ot.dynamics.integration import WORK_SIZE
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import closest_approaches, stack_orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.sensitivities import G_SPRING_SIZE, G_SPRINGS, LANES, Adjoint, adjoint_sweep
-from satsep_ot.dynamics.separation import Separation, Status, invalid_parameter
+from satsep_ot.dynamics.sensitivities import LANES, adjoint_sweep, sweep_size
+from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
+from satsep_ot.dynamics.springs import table_segments
 from satsep_ot.dynamics.system import (
-    CONSTANT_SIZE,
     GRAVITY,
     GRAVITY_WITH_TORQUE,
+    LAW,
+    MARK_COLUMNS,
     NO_GRAVITY,
     SPRING_COLUMNS,
+    SPRING_MARKS,
+    SPRINGS,
     STATE_SIZE,
-    System,
 )
 
-CHUNK = 64  # runs that share their working arrays; the result of a run does not depend on it
+SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
+# Columns of the base that the coast after the release starts from: d, w, q1 and the time.
+COAST_COLUMNS = [*range(6), *range(16, STATE_SIZE + 1)]
+RUN_CHUNK = 1024  # runs between two looks at the keyboard, some 20 ms
+
+
+class Store(NamedTuple):
+    """Room for some runs, one in each slot, and for the step that is being made."""
+
+    c: np.ndarray  # what runs depend on, see satsep_ot.dynamics.system
+    marks: np.ndarray
+    x: np.ndarray  # tapes: states, times, step lengths, and method, event and spring of each step
+    t: np.ndarray
+    h: np.ndarray
+    kinds: np.ndarray
+    exits: np.ndarray  # step, base and method of each point's exit, then see flight.Follow
+    exit_h: np.ndarray
+    exit_x: np.ndarray
+    exit_clearance: np.ndarray
+    closest_x: np.ndarray
+    closest: np.ndarray
+    work: np.ndarray
+    start: np.ndarray
+    room: np.ndarray
+    room_x: np.ndarray
+
+
+def _store(separation, slots):
+    """A store whose c and marks hold what all runs share."""
+    springs, points, planes = separation.springs, separation.recess_points(), separation.recess_planes
+    spring_number, point_number = len(springs), len(points)
+    tables = table_segments(springs.tables, spring_number)
+    places = np.cumsum([SPRINGS + SPRING_COLUMNS * spring_number, tables.size, points.size, planes.size])
+    c = np.zeros((slots, places[3]))
+    for part, place in ((tables, places[0]), (points, places[1]), (planes, places[2])):
+        c[:, place : place + part.size] = part.ravel()
+    marks = np.zeros((slots, SPRING_MARKS + MARK_COLUMNS * spring_number), np.int64)
+    marks[:, :SPRING_MARKS] = (
+        spring_number, tables.shape[1], point_number, len(planes), separation.force_line, gravity_level(separation),
+        *places[:3],
+    )  # fmt: skip
+    marks[:, SPRING_MARKS + LAW :: MARK_COLUMNS] = springs.laws
+    return Store(
+        c,
+        marks,
+        np.empty((slots, MAXIMUM_STEPS + 1, STATE_SIZE)),
+        np.empty((slots, MAXIMUM_STEPS + 1)),
+        np.empty((slots, MAXIMUM_STEPS)),
+        np.empty((slots, 3, MAXIMUM_STEPS), np.int64),
+        np.empty((slots, 3, point_number), np.int64),
+        np.empty((slots, point_number)),
+        np.empty((slots, point_number, STATE_SIZE)),
+        np.empty((slots, point_number)),
+        np.empty((slots, STATE_SIZE)),
+        np.empty((slots, 5)),
+        np.empty(WORK_SIZE),
+        np.empty((point_number, 6)),
+        np.empty(6),
+        np.empty(STATE_SIZE),
+    )
 
 
 @njit(**KERNEL)
-def work_space(spring_number, points, stop_number):
-    """The working arrays of a chunk of runs."""
-    point_number = points.shape[0]
+def slot_views(slot, store):
+    """Tape and follow-up of the run in a slot."""
     return (
-        np.zeros(CONSTANT_SIZE),
-        np.zeros((spring_number, SPRING_COLUMNS)),
-        np.zeros(spring_number, np.bool_),
-        np.zeros(spring_number, np.bool_),
-        Work(np.zeros((STAGES + 1, STATE_SIZE)), np.zeros((STAGES, STATE_SIZE)), np.ones(STATE_SIZE)),
         Tape(
-            np.zeros((MAXIMUM_STEPS + 1, STATE_SIZE)),
-            np.zeros(MAXIMUM_STEPS + 1),
-            np.zeros(MAXIMUM_STEPS),
-            np.zeros(MAXIMUM_STEPS, np.int64),
-            np.zeros(MAXIMUM_STEPS, np.int64),
-            np.zeros(MAXIMUM_STEPS, np.int64),
+            store.x[slot], store.t[slot], store.h[slot], store.kinds[slot, 0], store.kinds[slot, 1],
+            store.kinds[slot, 2],
         ),
         Follow(
-            np.zeros(point_number, np.int64),
-            np.zeros(point_number, np.int64),
-            np.zeros(point_number),
-            np.zeros(point_number, np.int64),
-            np.zeros((point_number, STATE_SIZE)),
-            np.zeros(point_number),
-            np.zeros(STATE_SIZE),
-            np.zeros(5),
+            store.exits[slot, 0], store.exits[slot, 1], store.exit_h[slot], store.exits[slot, 2], store.exit_x[slot],
+            store.exit_clearance[slot], store.closest_x[slot], store.closest[slot], store.start, store.room,
+            store.room_x,
         ),
-        np.zeros((stop_number + 1, STATE_SIZE)),
-    )
-
-
-@njit(**KERNEL)
-def collect(status, last, tape, follow, base):
-    """Write what the quantities are made of:
-
-    state and time at the last release, smallest clearance, clearances at exit.
-    """
-    if status != 0:
-        base[:] = np.nan
-        return
-    for n in range(STATE_SIZE):
-        base[n] = tape.x[last, n]
-    base[STATE_SIZE] = tape.t[last]
-    base[STATE_SIZE + 1] = follow.closest[0]
-    for i in range(follow.clearance.shape[0]):
-        base[STATE_SIZE + 2 + i] = follow.clearance[i]
-
-
-@njit(**KERNEL)
-def run_chunk(
-    first, end, parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, stops,
-    base, release_time, status, steps, states,
-):  # fmt: skip
-    """Rows first to end - 1 of `parameters`, one after the other."""
-    c, springs, active, pending, work, tape, follow, stop_x = work_space(release_time.shape[1], points, stops.shape[0])
-    for row in range(first, end):
-        system = System(parameters[row], c, springs, active, points, force_line, gravity)
-        code, number, last = run(
-            orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time[row], stop_x
-        )
-        status[row], steps[row] = code, number
-        collect(code, last, tape, follow, base[row])
-        for i in range(stops.shape[0]):
-            for n in range(STATE_SIZE):
-                states[row, i, n] = stop_x[i, n] if code == 0 else np.nan
-
-
-@njit(**KERNEL)
-def run_chunk_with_gradients(
-    first, end, parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
-    base, release_time, status, steps, gradients,
-):  # fmt: skip
-    """As `run_chunk`, with the gradients (n, len(columns), P) of columns of the base, a multiple of LANES."""
-    spring_number, stops = release_time.shape[1], np.empty(0)
-    c, springs, active, pending, work, tape, follow, stop_x = work_space(spring_number, points, 0)
-    adjoint = Adjoint(
-        np.zeros((STATE_SIZE, LANES)),
-        np.zeros((STATE_SIZE, LANES)),
-        np.zeros((1, LANES)),
-        np.zeros((STATE_SIZE, LANES)),
-        np.zeros((STAGES, STATE_SIZE, LANES)),
-        np.zeros((18, LANES)),
-        np.zeros((18, LANES)),
-        np.zeros((G_SPRINGS + G_SPRING_SIZE * spring_number + 8, LANES)),
-    )
-    for row in range(first, end):
-        system = System(parameters[row], c, springs, active, points, force_line, gravity)
-        code, number, last = run(
-            orbit, attitude, stops, horizon, tolerance, system, pending, work, tape, follow, release_time[row], stop_x
-        )
-        status[row], steps[row] = code, number
-        collect(code, last, tape, follow, base[row])
-        for block in range(0, columns.shape[0], LANES):
-            if code == 0:
-                adjoint_sweep(columns, block, last, system, work, tape, follow, adjoint, gradients[row])
-            else:
-                gradients[row, block : block + LANES] = np.nan
+    )  # fmt: skip
 
 
 def _entry_points(source_digest):
     """The compiled batch runs, kept on disk under keys that contain the digest of the sources."""
 
-    @njit(parallel=True, cache=True, **OPTIONS)
-    def run_all(
-        parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, stops,
-        base, release_time, status, steps, states,
+    @njit(nogil=True, cache=True, **OPTIONS)
+    def run_rows(
+        first, end, keep, parameters, orbit, attitude, horizon, tolerance, stops, store,
+        base, release_time, status, steps, last, states,
     ):  # fmt: skip
-        """Every row of `parameters`, in parallel over chunks of rows."""
+        """Rows first to end - 1 of `parameters`, one after the other; with keep = 1 each in a slot of its own.
+
+        Writes what the quantities are made of into `base`: state and time at the last release, smallest clearance,
+        clearances at exit.
+        """
         digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
-        count = parameters.shape[0]
-        for chunk in prange((count + CHUNK - 1) // CHUNK):
-            run_chunk(
-                chunk * CHUNK, min(count, (chunk + 1) * CHUNK),
-                parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, stops,
-                base, release_time, status, steps, states,
+        for row in range(first, end):
+            slot = (row - first) * keep
+            tape, follow = slot_views(slot, store)
+            code, number, index = run(
+                orbit, attitude, stops, horizon, tolerance, parameters[row], store.c[slot], store.marks[slot],
+                store.work, tape, follow, release_time[row], states[row],
             )  # fmt: skip
+            status[row] = code
+            steps[row] = number
+            last[row] = index
+            for n in range(STATE_SIZE):
+                base[row, n] = tape.x[index, n]
+            base[row, STATE_SIZE] = tape.t[index]
+            base[row, STATE_SIZE + 1] = follow.closest[0]
+            for i in range(follow.clearance.shape[0]):
+                base[row, STATE_SIZE + 2 + i] = follow.clearance[i]
 
-    @njit(parallel=True, cache=True, **OPTIONS)
-    def run_all_with_gradients(
-        parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
-        base, release_time, status, steps, gradients,
-    ):  # fmt: skip
-        """Every row of `parameters` with gradients, in parallel over chunks of rows."""
+    @njit(nogil=True, cache=True, **OPTIONS)
+    def sweep_rows(first, end, parameters, store, status, last, columns, room, gradients):
+        """Gradients (n, len(columns), P) of columns of the base, a multiple of LANES, of the runs in the slots."""
         digest = source_digest  # noqa: F841
-        count = parameters.shape[0]
-        for chunk in prange((count + CHUNK - 1) // CHUNK):
-            run_chunk_with_gradients(
-                chunk * CHUNK, min(count, (chunk + 1) * CHUNK),
-                parameters, orbit, attitude, points, force_line, gravity, horizon, tolerance, columns,
-                base, release_time, status, steps, gradients,
-            )  # fmt: skip
+        for row in range(first, end):
+            if status[row] == 0:
+                slot = row - first
+                tape, follow = slot_views(slot, store)
+                for block in range(0, columns.shape[0], LANES):
+                    adjoint_sweep(
+                        columns, block, last[row], parameters[row], store.work, store.c[slot], store.marks[slot], tape,
+                        follow, room, gradients[row],
+                    )  # fmt: skip
 
-    return run_all, run_all_with_gradients
+    return run_rows, sweep_rows
 
 
-run_all, run_all_with_gradients = _entry_points(SOURCE_DIGEST)
+run_rows, sweep_rows = _entry_points(SOURCE_DIGEST)
+
+
+def _in_threads(count, chunk, job):
+    """Call job(first, end) for pieces of range(count), in as many threads as numba would use."""
+    threads = min(numba.get_num_threads(), -(-count // chunk))
+    pieces = [(first, min(count, first + chunk)) for first in range(0, count, chunk)]
+    if threads <= 1:
+        for piece in pieces:
+            job(*piece)
+        return
+    with ThreadPoolExecutor(threads) as pool:
+        try:
+            for _ in pool.map(lambda piece: job(*piece), pieces):
+                pass
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
 
 
 @dataclass(frozen=True)
@@ -269,8 +280,7 @@ def simulate(separation, parameters=None, tolerance=1e-8):
     ValueError
         If the shape or the tolerance is not allowed.
     """
-    outcome, _ = _simulate(separation, parameters, np.empty(0), tolerance)
-    return outcome
+    return _simulate(separation, parameters, np.empty(0), tolerance)[0]
 
 
 def simulate_with_gradients(separation, parameters=None, quantities=None, tolerance=1e-8):
@@ -301,45 +311,62 @@ def simulate_with_gradients(separation, parameters=None, quantities=None, tolera
     if unknown:
         raise ValueError(f"quantities: {sorted(unknown)} is unknown; {sorted(table)} are allowed")
     wanted = sorted({column for name in quantities or table for column in table[name].columns})
-    outcome, arguments = _prepare_outcome(separation, parameters)
-    columns = np.full(-(-len(wanted) // LANES) * LANES, -1, np.int64)
-    columns[: len(wanted)] = wanted
-    rows = outcome.parameters
-    gradients = np.empty((len(rows), len(columns), rows.shape[1]))
-    run_all_with_gradients(
-        *arguments, check_tolerance(tolerance), columns,
-        outcome.base, outcome.release_times, outcome.status, outcome.steps, gradients,
-    )  # fmt: skip
-    full = np.zeros((len(rows), outcome.base.shape[1], rows.shape[1]))
-    full[:, wanted] = gradients[:, : len(wanted)]
+    recontact = base_size(separation) - 1 if separation.recontact is not None else -1
+    swept = sorted((set(wanted) | set(COAST_COLUMNS)) - {recontact}) if recontact in wanted else wanted
+    columns = np.full(-(-len(swept) // LANES) * LANES, -1, np.int64)
+    columns[: len(swept)] = swept
+    outcome, _, gradients = _simulate(separation, parameters, np.empty(0), tolerance, columns)
+    full = np.zeros((len(gradients), outcome.base.shape[1], gradients.shape[2]))
+    full[:, swept] = gradients[:, : len(swept)]
+    if recontact in wanted:
+        by_coast = _coast(separation, outcome.parameters, outcome.base, gradient=True)[2]
+        full[:, recontact] = np.einsum("nc,ncp->np", by_coast[:, COAST_COLUMNS], full[:, COAST_COLUMNS])
+        full[:, recontact, [PLATFORM, SATELLITE]] += by_coast[:, -2:]
     return replace(outcome, gradients=full)
 
 
-def _prepare_outcome(separation, parameters):
-    """Room for the outcome of n runs, and the arguments of the kernels up to the horizon."""
+def base_size(separation):
+    """How many columns the base of a separation has."""
+    return STATE_SIZE + 2 + len(separation.recess_points()) + (separation.recontact is not None)
+
+
+def _coast(separation, parameters, base, gradient=False):
+    """Smallest distance in the window of re-contact, its time, and its gradient; see `relative_orbit`."""
+    return closest_approaches(
+        base[:, :STATE_SIZE], base[:, STATE_SIZE], parameters[:, [PLATFORM, SATELLITE]], stack_orbit(separation),
+        separation.recontact, gradient,
+    )  # fmt: skip
+
+
+def _simulate(separation, parameters, stops, tolerance, columns=None):
+    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of columns of the base if wanted."""
     rows = parameter_rows(separation, parameters)
-    points = np.ascontiguousarray(separation.recess_points())
-    n = len(rows)
-    outcome = Outcome(
-        separation, rows, np.empty((n, STATE_SIZE + 2 + len(points))), np.empty((n, len(separation.springs))),
-        np.empty(n, np.int64), np.empty(n, np.int64),
+    n, spring_number = len(rows), len(separation.springs)
+    common = (
+        separation.platform_orbit(), separation.attitude, float(separation.horizon), check_tolerance(tolerance), stops
     )  # fmt: skip
-    arguments = (
-        rows, separation.platform_orbit(), separation.attitude, points, int(separation.force_line),
-        gravity_level(separation), float(separation.horizon),
-    )  # fmt: skip
-    return outcome, arguments
+    base, release_times = np.empty((n, base_size(separation))), np.empty((n, spring_number))
+    status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    states = np.empty((n, len(stops), STATE_SIZE))
+    gradients = None if columns is None else np.full((n, len(columns), rows.shape[1]), np.nan)
 
+    def job(first, end):
+        keep = columns is not None
+        store = _store(separation, SWEEP_CHUNK if keep else 1)
+        run_rows(
+            first, end, int(keep), rows, *common, store, base, release_times, status, steps, last, states
+        )  # fmt: skip
+        if keep:
+            room = np.empty(sweep_size(spring_number, len(separation.recess_planes)))
+            sweep_rows(first, end, rows, store, status, last, columns, room, gradients)
 
-def _simulate(separation, parameters, stops, tolerance):
-    """The outcome, and the states at the times `stops` (n, S, 20)."""
-    outcome, arguments = _prepare_outcome(separation, parameters)
-    states = np.empty((len(outcome.parameters), len(stops), STATE_SIZE))
-    run_all(
-        *arguments, check_tolerance(tolerance), stops,
-        outcome.base, outcome.release_times, outcome.status, outcome.steps, states,
-    )  # fmt: skip
-    return outcome, states
+    _in_threads(n, RUN_CHUNK if columns is None else SWEEP_CHUNK, job)
+    failed = status != Status.OK
+    base[failed] = np.nan
+    states[failed] = np.nan
+    if separation.recontact is not None:
+        base[:, -1] = _coast(separation, rows, base)[0]
+    return Outcome(separation, rows, base, release_times, status, steps), states, gradients
 
 
 @dataclass(frozen=True)
@@ -396,7 +423,7 @@ def trajectory(separation, times, parameters=None, tolerance=1e-8):
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) < 0.0).any() or (times < 0.0).any():
         raise ValueError("times: finite, ascending times that are not negative are allowed")
-    outcome, states = _simulate(
+    outcome, states, _ = _simulate(
         separation, None if parameters is None else np.atleast_2d(parameters)[:1], times, tolerance
     )
     return Trajectory(

@@ -12,37 +12,43 @@ State of a run (20 numbers, SI, radians), platform axes unless said:
 ====== ==========================================================================================
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 STATE_SIZE = 20
 
-# Constants of a run: inverse reduced mass, inertia tensors and their inverses (row by row), stowed length, then the
-# orbit of the platform's CG (gravitational parameter, ECI position and velocity).
-INVERSE_REDUCED_MASS = 0
-PLATFORM_INERTIA, PLATFORM_INVERSE_INERTIA, SATELLITE_INERTIA, SATELLITE_INVERSE_INERTIA = 1, 10, 19, 28
-STOWED_LENGTH = 37
-ORBIT = 38
-CONSTANT_SIZE = 45
 
-NO_GRAVITY, GRAVITY, GRAVITY_WITH_TORQUE = 0, 1, 2
-
-# Columns of the spring table of a run. Platform seat from the platform's CG, satellite seat from the satellite's CG
-# (three columns each, in its body's axes), guide direction in platform axes (three), and:
-STIFFNESS, DEFORMATION, RELEASE_STROKE, DELAY = 9, 10, 11, 12
-SPRING_COLUMNS = 13
-
-GUIDED = 0  # satsep_ot.dynamics.springs.ForceLine.GUIDED, for the kernels
+def integers(*values):
+    """Constants for the kernels: numba compiles a function anew for every Python integer that it is called with."""
+    return np.array(values, dtype=np.int64)
 
 
-class System(NamedTuple):
-    """What the right-hand side depends on, beside time and state."""
+# What a run depends on beside time and state stands in two flat arrays, since compiled functions pass every array as
+# seven arguments. Numbers, `c`: inverse reduced mass, inertia tensors and their inverses (row by row), stowed length,
+# friction coefficient of the guides; the orbit of the platform's CG: gravitational parameter, the anchor that the
+# motion is expanded about (time, ECI position, velocity, acceleration), and there 1/r^2, 1/r, mu/r^3 and its rate of
+# change; the CGs of platform and satellite from their ring centres; radius and depth of the recess.
+INVERSE_REDUCED_MASS = np.int64(0)
+PLATFORM_INERTIA, PLATFORM_INVERSE_INERTIA, SATELLITE_INERTIA, SATELLITE_INVERSE_INERTIA = integers(1, 10, 19, 28)
+STOWED_LENGTH, GUIDE_FRICTION = integers(37, 38)
+MU, ANCHOR_TIME, ANCHOR, INVERSE_SQUARE, INVERSE_RADIUS, GRAVITY_RATE, GRAVITY_RATE_SLOPE = integers(
+    39, 40, 41, 50, 51, 52, 53
+)
+PLATFORM_CG, SATELLITE_CG, RADIUS, DEPTH = integers(54, 57, 60, 61)
+# Then the spring table, spring by spring: platform seat from the platform's CG, satellite seat from the satellite's CG
+# (three columns each, in its body's axes), guide direction in platform axes (three), and what is named here.
+SPRINGS, SPRING_COLUMNS = integers(62, 14)
+STIFFNESS, DEFORMATION, RELEASE_STROKE, DELAY, SCALE = integers(9, 10, 11, 12, 13)
+# Then, at places that `marks` tells: the force-stroke tables of the springs as cubics, TABLE_COLUMNS a segment; the
+# envelope points that start in the recess, from the satellite's ring centre; the planes of the recess, unit normal into
+# the free side and offset.
+TABLE_COLUMNS, POINT_COLUMNS, PLANE_COLUMNS = integers(5, 3, 4)
 
-    parameters: np.ndarray  # the flat parameter vector of the run
-    c: np.ndarray  # constants made from it, see above
-    springs: np.ndarray  # spring table (N, SPRING_COLUMNS)
-    active: np.ndarray  # which springs push now
-    points: np.ndarray  # envelope points that start in the recess (E, 3), from the satellite's ring centre
-    force_line: int
-    gravity: int
+# Whole numbers, `marks`: how many springs, segments a table, points, planes; the force line, the level of gravity;
+# where tables, points and planes start; then for each spring whether it pushes, whether it is to start, and its law.
+SPRING_NUMBER, SEGMENT_NUMBER, POINT_NUMBER, PLANE_NUMBER, FORCE_LINE, GRAVITY_LEVEL, TABLES, POINTS, PLANES = (
+    np.arange(9)
+)
+SPRING_MARKS, MARK_COLUMNS = integers(9, 3)
+ACTIVE, PENDING, LAW = integers(0, 1, 2)
+
+NO_GRAVITY, GRAVITY, GRAVITY_WITH_TORQUE = integers(0, 1, 2)

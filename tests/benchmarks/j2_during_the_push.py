@@ -1,6 +1,6 @@
 """What J2 does during the push, beside what it does during the coast: why it acts in the coast only.
 
-    python tests/benchmarks/j2_during_the_push.py
+python tests/benchmarks/j2_during_the_push.py
 """
 
 from dataclasses import replace
