@@ -126,7 +126,8 @@ class Row:
 
 
 class ReliabilityMethod(abc.ABC):
-    """A way to estimate a probability of failure. ``name`` is what tables show.
+    """A way to estimate a probability of failure. ``name`` is what tables show; ``fixedSize`` says that it spends a
+    given number of evaluations whatever the error is, so that fewer would do for a larger one.
 
     Examples
     --------
@@ -147,6 +148,7 @@ class ReliabilityMethod(abc.ABC):
     """
 
     name: str
+    fixedSize = False
 
     @abc.abstractmethod
     def run(self, problem: CountedProblem) -> Row:
@@ -390,6 +392,7 @@ class MonteCarlo(ReliabilityMethod):
     """
 
     name = "MonteCarlo"
+    fixedSize = True
 
     def __init__(self, size=1_000_000, blockSize=50_000):
         self.size = int(size)
@@ -455,6 +458,7 @@ class SubsetSampling(SimulationMethod):
     """
 
     name = "SubsetSampling"
+    fixedSize = True
     interval_note = "the claimed error takes the levels for independent, so the interval is somewhat short"
 
     def __init__(self, levelSize=4000, conditionalProbability=0.1):
@@ -609,6 +613,7 @@ class CrossEntropy(SimulationMethod):
     """
 
     name = "CrossEntropy"
+    fixedSize = True
 
     def __init__(self, levelSize=4000, quantile=0.1):
         self.levelSize = levelSize
@@ -736,6 +741,7 @@ class NAIS(SimulationMethod):
     """
 
     name = "NAIS"
+    fixedSize = True
 
     def __init__(self, levelSize=2000, quantile=0.1):
         self.levelSize = levelSize
