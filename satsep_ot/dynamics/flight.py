@@ -15,15 +15,11 @@ from numba import njit
 from satsep_ot.dynamics.compilation import INLINE, KERNEL
 from satsep_ot.dynamics.gravity import ANCHOR_LIFE, move_anchor, place_anchor
 from satsep_ot.dynamics.integration import (
-    ALLOWED,
     EIGHTH_ORDER,
     FIRST,
     FOURTH_ORDER,
-    NEW,
     SECOND,
     STAGE_NUMBER,
-    START,
-    K,
     error_ratio,
     finish,
     full_step,
@@ -43,9 +39,10 @@ from satsep_ot.dynamics.separation import (
     STOWED,
     Status,
 )
-from satsep_ot.dynamics.springs import FRICTION, LINEAR, STRUT, TABLE, next_knot, table_law
+from satsep_ot.dynamics.springs import FRICTION, LINEAR, STRUT, TABLE, add_to_sums, next_knot, table_law
 from satsep_ot.dynamics.system import (
     ACTIVE,
+    ALLOWED,
     ANCHOR,
     ANCHOR_TIME,
     DEFORMATION,
@@ -58,6 +55,7 @@ from satsep_ot.dynamics.system import (
     LAW,
     MARK_COLUMNS,
     MU,
+    NEW,
     NO_GRAVITY,
     PENDING,
     PLANE_COLUMNS,
@@ -69,6 +67,7 @@ from satsep_ot.dynamics.system import (
     POINT_COLUMNS,
     POINT_NUMBER,
     POINTS,
+    PUSHING,
     RADIUS,
     RELEASE_STROKE,
     SATELLITE_CG,
@@ -79,9 +78,14 @@ from satsep_ot.dynamics.system import (
     SPRING_MARKS,
     SPRING_NUMBER,
     SPRINGS,
+    START,
     STATE_SIZE,
     STIFFNESS,
     STOWED_LENGTH,
+    SUM_COLUMNS,
+    SUM_ROWS,
+    SUMS,
+    K,
     integers,
 )
 
@@ -568,23 +572,43 @@ class Tape(NamedTuple):
 
 
 @njit(**KERNEL)
-def start_push(spring, marks):
+def clear_sums(c, marks):
+    """No spring pushes."""
+    marks[PUSHING] = 0
+    for n in range(SUM_ROWS * SUM_COLUMNS):
+        c[SUMS + n] = 0.0
+
+
+@njit(**KERNEL)
+def switch(spring, on, c, marks, w):
+    """Let a spring push, or no longer."""
+    marks[SPRING_MARKS + MARK_COLUMNS * spring + ACTIVE] = on
+    marks[PUSHING] += 2 * on - 1
+    if marks[PUSHING] == 0:
+        clear_sums(c, marks)
+    else:
+        add_to_sums(spring, 2.0 * on - 1.0, c, marks, w)
+
+
+@njit(**KERNEL)
+def start_push(spring, c, marks, w):
     """Let a spring push; friction acts from the first push on."""
     for i in range(marks[SPRING_NUMBER]):
         m = SPRING_MARKS + MARK_COLUMNS * i
         if i == spring or (marks[m + LAW] == FRICTION and marks[m + PENDING]):
-            marks[m + ACTIVE] = 1
             marks[m + PENDING] = 0
+            switch(i, SECOND, c, marks, w)
 
 
 @njit(**KERNEL)
-def start_springs(c, marks, release_time):
+def start_springs(c, marks, w, release_time):
     """Which springs push at t = 0; returns how many are to be released and how many push.
 
     A scale of 0 is a spring that has failed: it takes no part.
     """
     number = 0
     pushers = 0
+    clear_sums(c, marks)
     for i in range(marks[SPRING_NUMBER]):
         k = SPRINGS + SPRING_COLUMNS * i
         m = SPRING_MARKS + MARK_COLUMNS * i
@@ -601,7 +625,7 @@ def start_springs(c, marks, release_time):
                 pushers += 1
     for i in range(marks[SPRING_NUMBER]):
         if marks[SPRING_MARKS + MARK_COLUMNS * i + PENDING] and c[SPRINGS + SPRING_COLUMNS * i + DELAY] <= 0.0:
-            start_push(i, marks)
+            start_push(i, c, marks, w)
     return number, pushers
 
 
@@ -622,7 +646,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
     short = (2.0 * tolerance) ** 0.2 / frequency
     h_next = 4.0 * tolerance**0.125 / frequency
-    number, pushers = start_springs(c, marks, release_time)
+    number, pushers = start_springs(c, marks, w, release_time)
     to_release = number
     if pushers == 0:
         return NO_SPRING, 0, 0
@@ -777,7 +801,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
         step += 1
         tape.t[step] = t
         if event == RELEASE:
-            marks[SPRING_MARKS + MARK_COLUMNS * which + ACTIVE] = 0
+            switch(which, FIRST, c, marks, w)
             release_time[which] = t
             to_release -= 1
             last = step
@@ -789,5 +813,5 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                     rate += abs(new[n])
                 short = (2.0 * tolerance) ** 0.2 / rate
         elif event == PUSH_STARTS:
-            start_push(which, marks)
+            start_push(which, c, marks, w)
     return OK, step, last

@@ -14,9 +14,8 @@ from scipy.integrate import DOP853
 
 from satsep_ot.dynamics.compilation import INLINE, KERNEL
 from satsep_ot.dynamics.rigid_body import derivative
-from satsep_ot.dynamics.system import STATE_SIZE, integers
+from satsep_ot.dynamics.system import ALLOWED, NEW, STAGES, STATE_SIZE, K, integers
 
-STAGES = 12
 EIGHTH_ORDER, FOURTH_ORDER = integers(0, 1)
 
 _classical_a = np.zeros((STAGES, STAGES))
@@ -37,11 +36,6 @@ ERROR_5, ERROR_3 = DOP853.E5[:STAGES].copy(), DOP853.E3[:STAGES].copy()
 
 # Where a step's stages start; and the stage behind the first.
 FIRST, SECOND = integers(0, 1)
-
-# A step works in one flat array `w`: stage states, their slopes, the state at the end, and the error allowed in each
-# component, at offsets that the compiler knows.
-START, K, NEW, ALLOWED = integers(0, STAGES * STATE_SIZE, 2 * STAGES * STATE_SIZE, (2 * STAGES + 1) * STATE_SIZE)
-WORK_SIZE = (2 * STAGES + 2) * STATE_SIZE
 
 
 @njit(**KERNEL)

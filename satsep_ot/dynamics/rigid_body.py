@@ -9,16 +9,20 @@ from numba import njit
 from satsep_ot.dynamics.compilation import INLINE
 from satsep_ot.dynamics.gravity import earth_vector, gradient_torque, near_differential_gravity
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
-from satsep_ot.dynamics.springs import contact, law
+from satsep_ot.dynamics.springs import GUIDED, TABLE, contact, law
 from satsep_ot.dynamics.system import (
     ACTIVE,
+    FORCE_LINE,
+    FORCES,
     GRAVITY_LEVEL,
     INVERSE_RADIUS,
     INVERSE_REDUCED_MASS,
     INVERSE_SQUARE,
+    LAW,
     MARK_COLUMNS,
     PLATFORM_INERTIA,
     PLATFORM_INVERSE_INERTIA,
+    PUSHING,
     SATELLITE_INERTIA,
     SATELLITE_INVERSE_INERTIA,
     SCALE,
@@ -26,6 +30,9 @@ from satsep_ot.dynamics.system import (
     SPRING_MARKS,
     SPRING_NUMBER,
     SPRINGS,
+    SUM_ROWS,
+    SUMS,
+    TABLE_NUMBER,
 )
 
 
@@ -40,20 +47,63 @@ def times(c, k, x, y, z):
 
 
 @njit(**INLINE)
-def spring_sums(x, at, r, c, marks):
-    """Force on the satellite, its moment about the satellite's CG, and the moment on the platform; platform axes."""
+def guided_sums(x, at, r, c):
+    """Forces and moments of the guided springs by their sums, as `spring_sums` has them; fills x[FORCES:]."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
     dx = x[at]
     dy = x[at + 1]
     dz = x[at + 2]
-    fx = 0.0
-    fy = 0.0
-    fz = 0.0
-    px = 0.0
-    py = 0.0
-    pz = 0.0
+    for n in range(SUM_ROWS):
+        x[FORCES + n] = (
+            c[SUMS + n]
+            + c[SUMS + 12 + n] * dx
+            + c[SUMS + 24 + n] * dy
+            + c[SUMS + 36 + n] * dz
+            + c[SUMS + 48 + n] * r00
+            + c[SUMS + 60 + n] * r01
+            + c[SUMS + 72 + n] * r02
+            + c[SUMS + 84 + n] * r10
+            + c[SUMS + 96 + n] * r11
+            + c[SUMS + 108 + n] * r12
+            + c[SUMS + 120 + n] * r20
+            + c[SUMS + 132 + n] * r21
+            + c[SUMS + 144 + n] * r22
+        )
+    fx = x[FORCES]
+    fy = x[FORCES + 1]
+    fz = x[FORCES + 2]
+    w00 = x[FORCES + 3]
+    w01 = x[FORCES + 4]
+    w02 = x[FORCES + 5]
+    w10 = x[FORCES + 6]
+    w11 = x[FORCES + 7]
+    w12 = x[FORCES + 8]
+    w20 = x[FORCES + 9]
+    w21 = x[FORCES + 10]
+    w22 = x[FORCES + 11]
+    # Moment about the satellite's CG, the sum of (R b) x f n; and -(d + R b) x f n on the platform.
+    sx = r10 * w20 + r11 * w21 + r12 * w22 - r20 * w10 - r21 * w11 - r22 * w12
+    sy = r20 * w00 + r21 * w01 + r22 * w02 - r00 * w20 - r01 * w21 - r02 * w22
+    sz = r00 * w10 + r01 * w11 + r02 * w12 - r10 * w00 - r11 * w01 - r12 * w02
+    return fx, fy, fz, sx, sy, sz, dz * fy - dy * fz - sx, dx * fz - dz * fx - sy, dy * fx - dx * fy - sz
+
+
+@njit(**INLINE)
+def spring_sums(x, at, r, c, marks):
+    """Force on the satellite, its moment about the satellite's CG, and the moment on the platform; platform axes."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
+    guided = marks[FORCE_LINE] == GUIDED
+    fx, fy, fz, sx, sy, sz, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    if guided and marks[PUSHING] > 0:
+        fx, fy, fz, sx, sy, sz, px, py, pz = guided_sums(x, at, r, c)
+    if guided and marks[TABLE_NUMBER] == 0:
+        return fx, fy, fz, sx, sy, sz, px, py, pz
+    dx = x[at]
+    dy = x[at + 1]
+    dz = x[at + 2]
     for i in range(marks[SPRING_NUMBER]):
-        if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+        m = SPRING_MARKS + MARK_COLUMNS * i
+        if marks[m + ACTIVE] and not (guided and marks[m + LAW] != TABLE):
             k = SPRINGS + SPRING_COLUMNS * i
             u = c[k + 3]
             v = c[k + 4]
@@ -73,8 +123,13 @@ def spring_sums(x, at, r, c, marks):
             px -= cy * gz - cz * gy
             py -= cz * gx - cx * gz
             pz -= cx * gy - cy * gx
-    # The same forces about the satellite's CG: (c - d) x F.
-    return fx, fy, fz, -px - dy * fz + dz * fy, -py - dz * fx + dx * fz, -pz - dx * fy + dy * fx, px, py, pz
+            cx -= dx
+            cy -= dy
+            cz -= dz
+            sx += cy * gz - cz * gy
+            sy += cz * gx - cx * gz
+            sz += cx * gy - cy * gx
+    return fx, fy, fz, sx, sy, sz, px, py, pz
 
 
 @njit(**INLINE)

@@ -24,8 +24,10 @@ from satsep_ot.dynamics.flight import (
     NOTHING,
     PUSH_STARTS,
     RELEASE,
+    clear_sums,
     nearest_wall,
     point_motion,
+    switch,
 )
 from satsep_ot.dynamics.gravity import earth_vector
 from satsep_ot.dynamics.integration import (
@@ -33,22 +35,22 @@ from satsep_ot.dynamics.integration import (
     FIRST,
     SECOND,
     STAGE_NUMBER,
-    STAGES,
-    START,
     A,
     B,
     C,
-    K,
     load,
     stages,
 )
 from satsep_ot.dynamics.rigid_body import seat_motion, spring_sums, times
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE, STOWED
-from satsep_ot.dynamics.springs import FRICTION, GUIDED, LINEAR, STRUT, contact, law
+from satsep_ot.dynamics.springs import FRICTION, GUIDED, LINEAR, STRUT, TABLE, contact, law, row_and_column
 from satsep_ot.dynamics.system import (
     ACTIVE,
+    COLUMN,
+    DEFORMATION,
     FORCE_LINE,
+    FORCES,
     GRAVITY_LEVEL,
     GUIDE_FRICTION,
     INVERSE_RADIUS,
@@ -63,6 +65,8 @@ from satsep_ot.dynamics.system import (
     POINT_COLUMNS,
     POINT_NUMBER,
     POINTS,
+    PUSHING,
+    ROW,
     SATELLITE_CG,
     SATELLITE_INERTIA,
     SATELLITE_INVERSE_INERTIA,
@@ -71,7 +75,14 @@ from satsep_ot.dynamics.system import (
     SPRING_MARKS,
     SPRING_NUMBER,
     SPRINGS,
+    STAGES,
+    START,
     STATE_SIZE,
+    STIFFNESS,
+    SUM_COLUMNS,
+    SUM_ROWS,
+    SUMS,
+    K,
     integers,
 )
 
@@ -84,10 +95,11 @@ LANES = 8  # outputs differentiated together: one vector register of the process
 # 12-17); two rotation matrices; what one spring or body adds to the constants; the state beside the chain; the stages.
 LAM, MU, KB, OUT, S, M, X, BRANCH, YB = integers(0, 20, 21, 41, 61, 79, 97, 141, 161)
 THREE, NINE, ROWS = integers(3, 9, STATE_SIZE)
-# Then the adjoints of the constants of a run: reduced mass, inertia tensors, stowed length, guide friction, a block a
+# Then those of the sums of the guided springs; and of the constants of a run: reduced mass, inertia tensors, stowed length, guide friction, a block a
 # spring (platform seat, satellite seat, guide, stiffness, deformation, release stroke, delay, scale); behind them the
 # CGs, the recess's radius and depth, and the offsets of its planes.
-G = YB + STAGES * STATE_SIZE
+MATRIX = YB + STAGES * STATE_SIZE
+G = MATRIX + SUM_ROWS * SUM_COLUMNS
 G_PLATFORM_INERTIA, G_SATELLITE_INERTIA, G_STOWED, G_FRICTION = G + 1, G + 10, G + 19, G + 20
 G_SPRINGS, G_SPRING_SIZE = integers(G + 21, 14)
 # What a spring adds, from row X: adjoints of its force 0-2, of its contact point 3-5, of its stroke 6, of the size of
@@ -319,6 +331,141 @@ def push_adjoint(x, at, r, i, a, c, marks):
         a[(S + 10) * LANES + n] -= fz * tx - fx * tz
         a[(S + 11) * LANES + n] -= fx * ty - fy * tx
     spring_adjoint(x, at, r, i, S + 9, a, c, marks)
+
+
+@njit(**KERNEL)
+def sums_adjoint(x, at, r, a, c):
+    """The same as `push_adjoint` for all guided springs at once, by their sums; x[FORCES:] is filled."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
+    dx = x[at]
+    dy = x[at + 1]
+    dz = x[at + 2]
+    fx = x[FORCES]
+    fy = x[FORCES + 1]
+    fz = x[FORCES + 2]
+    w00 = x[FORCES + 3]
+    w01 = x[FORCES + 4]
+    w02 = x[FORCES + 5]
+    w10 = x[FORCES + 6]
+    w11 = x[FORCES + 7]
+    w12 = x[FORCES + 8]
+    w20 = x[FORCES + 9]
+    w21 = x[FORCES + 10]
+    w22 = x[FORCES + 11]
+    for n in range(LANES):
+        px = a[(S + 6) * LANES + n]
+        py = a[(S + 7) * LANES + n]
+        pz = a[(S + 8) * LANES + n]
+        tx = a[(S + 3) * LANES + n] - px
+        ty = a[(S + 4) * LANES + n] - py
+        tz = a[(S + 5) * LANES + n] - pz
+        a[(S + 9) * LANES + n] -= fy * pz - fz * py
+        a[(S + 10) * LANES + n] -= fz * px - fx * pz
+        a[(S + 11) * LANES + n] -= fx * py - fy * px
+        # Rows X to X + 11: the adjoints of the sums of f n and f n b^T.
+        a[X * LANES + n] = a[S * LANES + n] - (py * dz - pz * dy)
+        a[(X + 1) * LANES + n] = a[(S + 1) * LANES + n] - (pz * dx - px * dz)
+        a[(X + 2) * LANES + n] = a[(S + 2) * LANES + n] - (px * dy - py * dx)
+        a[(X + 3) * LANES + n] = ty * r20 - tz * r10
+        a[(X + 4) * LANES + n] = ty * r21 - tz * r11
+        a[(X + 5) * LANES + n] = ty * r22 - tz * r12
+        a[(X + 6) * LANES + n] = tz * r00 - tx * r20
+        a[(X + 7) * LANES + n] = tz * r01 - tx * r21
+        a[(X + 8) * LANES + n] = tz * r02 - tx * r22
+        a[(X + 9) * LANES + n] = tx * r10 - ty * r00
+        a[(X + 10) * LANES + n] = tx * r11 - ty * r01
+        a[(X + 11) * LANES + n] = tx * r12 - ty * r02
+        a[M * LANES + n] += tz * w10 - ty * w20
+        a[(M + 1) * LANES + n] += tz * w11 - ty * w21
+        a[(M + 2) * LANES + n] += tz * w12 - ty * w22
+        a[(M + 3) * LANES + n] += tx * w20 - tz * w00
+        a[(M + 4) * LANES + n] += tx * w21 - tz * w01
+        a[(M + 5) * LANES + n] += tx * w22 - tz * w02
+        a[(M + 6) * LANES + n] += ty * w00 - tx * w10
+        a[(M + 7) * LANES + n] += ty * w01 - tx * w11
+        a[(M + 8) * LANES + n] += ty * w02 - tx * w12
+    for j in range(SUM_COLUMNS):
+        factor = 1.0
+        if j > 3:
+            factor = r[j - 4]
+        elif j > 0:
+            factor = x[at + j - 1]
+        # The adjoint of the matrix, and for j > 0 that of d or R.
+        for n in range(SUM_ROWS * LANES):
+            a[(MATRIX + SUM_ROWS * j) * LANES + n] += factor * a[X * LANES + n]
+        k = SUMS + SUM_ROWS * j
+        target = S + 8 + j if j < 4 else M + j - 4
+        if j > 0:
+            for n in range(LANES):
+                a[target * LANES + n] += (
+                    c[k] * a[X * LANES + n]
+                    + c[k + 1] * a[(X + 1) * LANES + n]
+                    + c[k + 2] * a[(X + 2) * LANES + n]
+                    + c[k + 3] * a[(X + 3) * LANES + n]
+                    + c[k + 4] * a[(X + 4) * LANES + n]
+                    + c[k + 5] * a[(X + 5) * LANES + n]
+                    + c[k + 6] * a[(X + 6) * LANES + n]
+                    + c[k + 7] * a[(X + 7) * LANES + n]
+                    + c[k + 8] * a[(X + 8) * LANES + n]
+                    + c[k + 9] * a[(X + 9) * LANES + n]
+                    + c[k + 10] * a[(X + 10) * LANES + n]
+                    + c[k + 11] * a[(X + 11) * LANES + n]
+                )
+
+
+@njit(**KERNEL)
+def collect_sums(i, sign, w, c, marks, a):
+    """Add to the adjoints of guided spring i what that of the sums' matrix says, times `sign`; see `add_to_sums`.
+
+    The matrix gathers from the end of the run on: a spring takes it once with -1 at its release and once with 1 at the
+    start of its push.
+    """
+    kind = marks[SPRING_MARKS + MARK_COLUMNS * i + LAW]
+    if kind == TABLE or marks[FORCE_LINE] != GUIDED:
+        return
+    row_and_column(i, c, marks, w)
+    k = SPRINGS + SPRING_COLUMNS * i
+    g = G_SPRINGS + G_SPRING_SIZE * i
+    scale = c[k + SCALE]
+    stiffness = scale * c[k + STIFFNESS]
+    for lane in range(LANES):
+        constant = 0.0
+        by_stiffness = 0.0
+        for n in range(SUM_ROWS):
+            constant += a[(MATRIX + n) * LANES + lane] * w[ROW + n]
+        constant *= sign
+        for n in range(3):
+            direction = c[k + 6 + n]
+            by_direction = 0.0
+            for m in range(4):
+                # The entries of row and column that hold this component of n, alone and with each of b.
+                row = n if m == 0 else 2 + 3 * n + m
+                by_row = 0.0
+                by_column = 0.0
+                for j in range(SUM_COLUMNS):
+                    by_row += a[(MATRIX + SUM_ROWS * j + row) * LANES + lane] * w[COLUMN + j]
+                for j in range(SUM_ROWS):
+                    by_column += a[(MATRIX + SUM_ROWS * (1 + row) + j) * LANES + lane] * w[ROW + j]
+                by_row *= sign
+                by_column *= sign
+                factor = 1.0
+                if m > 0:
+                    factor = c[k + 2 + m]
+                    a[(g + 2 + m) * LANES + lane] += direction * (by_row - stiffness * by_column)
+                by_direction += factor * (by_row - stiffness * by_column)
+                by_stiffness -= direction * factor * by_column
+            if kind == LINEAR:
+                by_direction += constant * stiffness * c[k + n]
+                a[(g + n) * LANES + lane] += constant * stiffness * direction
+                by_stiffness += constant * direction * c[k + n]
+            a[(g + 6 + n) * LANES + lane] += by_direction
+        if kind == LINEAR:
+            by_stiffness += constant * c[k + DEFORMATION]
+            a[(g + 9) * LANES + lane] += scale * by_stiffness
+            a[(g + 10) * LANES + lane] += stiffness * constant
+            a[(g + 13) * LANES + lane] += c[k + STIFFNESS] * by_stiffness
+        else:
+            a[(g + 13) * LANES + lane] -= constant
 
 
 @njit(**KERNEL)
@@ -603,8 +750,12 @@ def derivative_adjoint(t, x, at, row, a, c, marks):
         a[(M + 6) * LANES + n] = sz * a0
         a[(M + 7) * LANES + n] = sz * a1
         a[(M + 8) * LANES + n] = sz * a2
+    guided = marks[FORCE_LINE] == GUIDED
+    if guided and marks[PUSHING] > 0:
+        sums_adjoint(x, at, r, a, c)
     for i in range(marks[SPRING_NUMBER]):
-        if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+        m = SPRING_MARKS + MARK_COLUMNS * i
+        if marks[m + ACTIVE] and not (guided and marks[m + LAW] != TABLE):
             push_adjoint(x, at, r, i, a, c, marks)
     if marks[GRAVITY_LEVEL] != 0:
         gravity_adjoint(t, x, at, r, a, c, marks)
@@ -740,17 +891,21 @@ def event_adjoint(index, event, spring, w, c, marks, tape, a):
 
 
 @njit(**KERNEL)
-def switch_back(event, spring, marks):
-    """Undo an event for the marks of the springs; before the first push friction does not act either."""
-    marks[SPRING_MARKS + MARK_COLUMNS * spring + ACTIVE] = int(event == RELEASE)
+def switch_back(event, spring, w, c, marks, a):
+    """Undo an event for the springs; before the first push friction does not act either."""
+    if event == RELEASE:
+        collect_sums(spring, -1.0, w, c, marks, a)
+        switch(spring, SECOND, c, marks, w)
+        return
     pushing = False
     for i in range(marks[SPRING_NUMBER]):
         m = SPRING_MARKS + MARK_COLUMNS * i
-        pushing = pushing or (marks[m + ACTIVE] and marks[m + LAW] != FRICTION)
+        pushing = pushing or (i != spring and marks[m + ACTIVE] and marks[m + LAW] != FRICTION)
     for i in range(marks[SPRING_NUMBER]):
         m = SPRING_MARKS + MARK_COLUMNS * i
-        if event == PUSH_STARTS and not pushing and marks[m + LAW] == FRICTION:
-            marks[m + ACTIVE] = 0
+        if i == spring or (not pushing and marks[m + ACTIVE] and marks[m + LAW] == FRICTION):
+            collect_sums(i, 1.0, w, c, marks, a)
+            switch(i, FIRST, c, marks, w)
 
 
 @njit(**ONCE)
@@ -761,7 +916,8 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
     """
     tail = G_SPRINGS + G_SPRING_SIZE * marks[SPRING_NUMBER]
     clear(a, LAM, STATE_SIZE + 1)
-    clear(a, G, tail + 8 + marks[PLANE_NUMBER] - G)
+    clear(a, MATRIX, tail + 8 + marks[PLANE_NUMBER] - MATRIX)
+    clear_sums(c, marks)
     # Steps behind the last release matter only to clearances.
     top = last
     for i in range(marks[SPRING_NUMBER]):
@@ -780,7 +936,7 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
         # event lies between the two.
         for step in range(index, index - 2, -1):
             if step < index and step >= 0 and tape.event[step] != NOTHING:
-                switch_back(tape.event[step], tape.spring[step], marks)
+                switch_back(tape.event[step], tape.spring[step], w, c, marks, a)
             branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail, a)
         if index > 0:
             step = index - 1
@@ -792,6 +948,9 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
         for lane in range(LANES):
             if columns[block + lane] == STATE_SIZE + 1:
                 clearance_adjoint(tape.x[0], int(follow.closest[1]), lane, INSIDE, c, marks, LAM, follow, tail, a)
+    for i in range(marks[SPRING_NUMBER]):
+        if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
+            collect_sums(i, 1.0, w, c, marks, a)
     x = tape.x[0]
     for lane in range(LANES):
         initial_adjoint(p, c, x, lane, tail, a, gradients[block + lane])

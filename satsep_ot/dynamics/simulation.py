@@ -11,13 +11,12 @@ from numba import njit
 
 from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
-from satsep_ot.dynamics.integration import WORK_SIZE
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches, stack_orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.sensitivities import LANES, adjoint_sweep, sweep_size
 from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
-from satsep_ot.dynamics.springs import table_segments
+from satsep_ot.dynamics.springs import ForceLaw, table_segments
 from satsep_ot.dynamics.system import (
     GRAVITY,
     GRAVITY_WITH_TORQUE,
@@ -28,6 +27,7 @@ from satsep_ot.dynamics.system import (
     SPRING_MARKS,
     SPRINGS,
     STATE_SIZE,
+    WORK_SIZE,
 )
 
 SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
@@ -69,7 +69,7 @@ def _store(separation, slots):
     marks = np.zeros((slots, SPRING_MARKS + MARK_COLUMNS * spring_number), np.int64)
     marks[:, :SPRING_MARKS] = (
         spring_number, tables.shape[1], point_number, len(planes), separation.force_line, gravity_level(separation),
-        *places[:3],
+        *places[:3], np.count_nonzero(springs.laws == ForceLaw.TABLE), 0,
     )  # fmt: skip
     marks[:, SPRING_MARKS + LAW :: MARK_COLUMNS] = springs.laws
     return Store(

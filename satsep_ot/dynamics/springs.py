@@ -30,17 +30,23 @@ from scipy.interpolate import PchipInterpolator
 
 from satsep_ot.dynamics.compilation import INLINE, KERNEL
 from satsep_ot.dynamics.system import (
+    COLUMN,
     DEFORMATION,
     FORCE_LINE,
     GUIDE_FRICTION,
     LAW,
     MARK_COLUMNS,
+    ROW,
+    SCALE,
     SEGMENT_NUMBER,
     SPRING_COLUMNS,
     SPRING_MARKS,
     SPRINGS,
     STIFFNESS,
     STOWED_LENGTH,
+    SUM_COLUMNS,
+    SUM_ROWS,
+    SUMS,
     TABLE_COLUMNS,
     TABLES,
     integers,
@@ -142,6 +148,42 @@ def contact(c, marks, i, qx, qy, qz, mx, my, mz):
     return (
         s, mx * inverse, my * inverse, mz * inverse, c[k] + s * nx, c[k + 1] + s * ny, c[k + 2] + s * nz, share,
     )  # fmt: skip
+
+
+@njit(**KERNEL)
+def row_and_column(i, c, marks, w):
+    """What guided spring i adds to the sums, as a row w[ROW:] and a column w[COLUMN:]: see `add_to_sums`."""
+    k = SPRINGS + SPRING_COLUMNS * i
+    stiffness = c[k + SCALE] * c[k + STIFFNESS]
+    constant = -c[k + SCALE]
+    if marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == LINEAR:
+        constant = stiffness * (c[k + DEFORMATION] + c[k] * c[k + 6] + c[k + 1] * c[k + 7] + c[k + 2] * c[k + 8])
+    w[COLUMN] = constant
+    for n in range(3):
+        direction = c[k + 6 + n]
+        w[ROW + n] = direction
+        w[COLUMN + 1 + n] = -stiffness * direction
+        for m in range(3):
+            w[ROW + 3 + 3 * n + m] = direction * c[k + 3 + m]
+            w[COLUMN + 4 + 3 * n + m] = -stiffness * direction * c[k + 3 + m]
+
+
+@njit(**KERNEL)
+def add_to_sums(i, sign, c, marks, w):
+    """Add guided spring i to the sums, or take it away: they make the right-hand side independent of their number.
+
+    With the guide n, the satellite's seat b in its axes, the platform's seat a, and d and R of the state, the force
+    f = K (xi - n . (d + R b - a)) of a linear spring is the product of the column (K (xi + n . a), -K n, -K n b^T)
+    with (1, d, R), and that of pins is -scale. The sums of f n and f n b^T, the rows (n, n b^T), give every force and
+    moment. Tables are not linear: they are left to `spring_sums`.
+    """
+    if marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == TABLE or marks[FORCE_LINE] != GUIDED:
+        return
+    row_and_column(i, c, marks, w)
+    for j in range(SUM_COLUMNS):
+        factor = sign * w[COLUMN + j]
+        for n in range(SUM_ROWS):
+            c[SUMS + SUM_ROWS * j + n] += factor * w[ROW + n]
 
 
 def table_segments(tables, size):
