@@ -10,13 +10,24 @@ anywhere in this folder compiles anew.
 import hashlib
 from pathlib import Path
 
-OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}}
+from numba import njit
+
+OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
 # Functions that only kernels call need no way in from Python, which costs a third of the time to compile them.
 KERNEL = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
 # Small functions of inner loops: a call that passes arrays would cost more than what they do.
 INLINE = {"forceinline": True, **KERNEL}
 # Functions that are called at one place alone: taken into their caller before it is compiled.
 ONCE = {"inline": "always", **OPTIONS}
+
+
+@njit(**INLINE)
+def known(index):
+    """The index itself, for the compiler to see that it is not negative.
+
+    Where numba must allow for an index from the end, the compiler makes no vector instructions of a loop.
+    """
+    return index & 0xFFFFF
 
 
 def _digest(folder):

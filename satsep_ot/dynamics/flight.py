@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known
 from satsep_ot.dynamics.gravity import ANCHOR_LIFE, move_anchor, place_anchor
 from satsep_ot.dynamics.integration import (
     EIGHTH_ORDER,
@@ -22,6 +22,7 @@ from satsep_ot.dynamics.integration import (
     STAGE_NUMBER,
     error_ratio,
     finish,
+    forget_slopes,
     full_step,
     load,
     stages,
@@ -155,7 +156,7 @@ def place_springs(p, c, marks):
     shortest = np.inf
     for i in range(marks[SPRING_NUMBER]):
         q = COMMON_SIZE + SPRING_SIZE * i
-        k = SPRINGS + SPRING_COLUMNS * i
+        k = known(SPRINGS + SPRING_COLUMNS * i)
         kind = marks[SPRING_MARKS + MARK_COLUMNS * i + LAW]
         radius = p[q + 1]
         stroke = p[q + 4]
@@ -313,24 +314,29 @@ def point_motion(x, c, marks, i, out):
 
 @njit(**INLINE)
 def wall_clearance(c, marks, wall, point):
-    """Clearance of a point (position and velocity, 6 numbers) from a wall, and how fast it shrinks.
-
-    Wall 0 is the cylinder, if there is one; the planes follow.
-    """
+    """Clearance of a point (position, velocity: 6 numbers) from a wall: 0 is the cylinder, if any, then the planes."""
     if wall == 0:
-        radius = c[RADIUS]
-        rho = math.sqrt(point[0] * point[0] + point[2] * point[2])
-        if radius == 0.0:
-            return np.inf, 0.0
-        return radius - rho, (point[0] * point[3] + point[2] * point[5]) / max(rho, 1e-300)
+        return c[RADIUS] - math.sqrt(point[0] * point[0] + point[2] * point[2]) if c[RADIUS] > 0.0 else np.inf
     k = marks[PLANES] + PLANE_COLUMNS * (wall - 1)
-    nx = c[k]
-    ny = c[k + 1]
-    nz = c[k + 2]
-    return (
-        nx * point[0] + ny * point[1] + nz * point[2] - c[k + 3],
-        -(nx * point[3] + ny * point[4] + nz * point[5]),
-    )
+    return c[k] * point[0] + c[k + 1] * point[1] + c[k + 2] * point[2] - c[k + 3]
+
+
+@njit(**INLINE)
+def wall_approach(c, marks, wall, point):
+    """A number of the sign of the speed at which a point comes near a wall, cheaper than the speed itself."""
+    if wall == 0:
+        return point[0] * point[3] + point[2] * point[5]
+    k = marks[PLANES] + PLANE_COLUMNS * (wall - 1)
+    return -(c[k] * point[3] + c[k + 1] * point[4] + c[k + 2] * point[5])
+
+
+@njit(**INLINE)
+def wall_growth(c, marks, wall, point):
+    """How fast the clearance of a point from a wall shrinks [m/s]."""
+    approach = wall_approach(c, marks, wall, point)
+    if wall == 0:
+        return approach / max(math.sqrt(point[0] * point[0] + point[2] * point[2]), 1e-300)
+    return approach
 
 
 @njit(**KERNEL)
@@ -339,7 +345,7 @@ def nearest_wall(c, marks, point):
     best = np.inf
     which = 0
     for wall in range(marks[PLANE_NUMBER] + 1):
-        clearance, _ = wall_clearance(c, marks, wall, point)
+        clearance = wall_clearance(c, marks, wall, point)
         if clearance < best:
             best = clearance
             which = wall
@@ -466,19 +472,21 @@ def locate_exit(step, tape, h, w, c, marks, follow, i, short):
         t += tape.h[step]
         h -= tape.h[step]
     x = follow.x[i]
+    change = 0.0
     for _ in range(8):
+        h += change
         full_step(step_method(h, short), t, tape.x[base], h, w, c, marks, x)
         point_motion(x, c, marks, i, follow.room)
         change = (depth - follow.room[1]) / follow.room[4]
-        h += change
-        if abs(change) < 1e-10:
-            # At lateral velocities of 0.1 m/s this is 1e-11 m of clearance.
+        if abs(change) < 1e-6:
             break
     follow.step[i] = step
     follow.base[i] = base
     follow.h[i] = h
     follow.method[i] = step_method(h, short)
-    follow.clearance[i], _ = nearest_wall(c, marks, follow.room)
+    # What is left of the way is a straight line: 1e-12 s^2 of acceleration at most.
+    clearance, wall = nearest_wall(c, marks, follow.room)
+    follow.clearance[i] = clearance - change * wall_growth(c, marks, wall, follow.room)
     note_clearance(follow, follow.clearance[i], i, AT_EXIT, step, h, x)
     return h if base == step else h + tape.h[step]
 
@@ -490,7 +498,8 @@ def look_inside(step, tape, end, growth, shrinkage, w, c, marks, follow, i, wall
     for turn in range(5):
         full_step(step_method(length, short), tape.t[step], tape.x[step], length, w, c, marks, follow.room_x)
         point_motion(follow.room_x, c, marks, i, follow.room)
-        clearance, value = wall_clearance(c, marks, wall, follow.room)
+        clearance = wall_clearance(c, marks, wall, follow.room)
+        value = wall_growth(c, marks, wall, follow.room)
         if turn == 4:
             note_clearance(follow, clearance, i, INSIDE, step, length, follow.room_x)
         # Regula falsi on how fast it shrinks: its root only needs to be as good as the clearance, 1e-6 m.
@@ -537,11 +546,12 @@ def follow_points(step, tape, w, c, marks, follow, short):
         for wall in range(marks[PLANE_NUMBER] + 1):
             # It shrank at the start and grows at the end: the point was nearest to the wall in between. Worth a look
             # only where the straight line from the start of the step comes closer than anything so far.
-            clearance, growth = wall_clearance(c, marks, wall, start)
-            _, shrinkage = wall_clearance(c, marks, wall, follow.room)
-            if growth > 0.0 and shrinkage < 0.0 and clearance - growth * end < follow.closest[0] - 1e-9:
-                look_inside(step, tape, end, growth, shrinkage, w, c, marks, follow, i, wall, short)
-                point_motion(follow.x[i] if exits else tape.x[step + 1], c, marks, i, follow.room)
+            if wall_approach(c, marks, wall, start) > 0.0 and wall_approach(c, marks, wall, follow.room) < 0.0:
+                growth = wall_growth(c, marks, wall, start)
+                shrinkage = wall_growth(c, marks, wall, follow.room)
+                if wall_clearance(c, marks, wall, start) - growth * end < follow.closest[0] - 1e-9:
+                    look_inside(step, tape, end, growth, shrinkage, w, c, marks, follow, i, wall, short)
+                    point_motion(follow.x[i] if exits else tape.x[step + 1], c, marks, i, follow.room)
         for n in range(6):
             start[n] = follow.room[n]
     return left
@@ -610,7 +620,7 @@ def start_springs(c, marks, w, release_time):
     pushers = 0
     clear_sums(c, marks)
     for i in range(marks[SPRING_NUMBER]):
-        k = SPRINGS + SPRING_COLUMNS * i
+        k = known(SPRINGS + SPRING_COLUMNS * i)
         m = SPRING_MARKS + MARK_COLUMNS * i
         release_time[i] = np.nan
         marks[m + ACTIVE] = 0
@@ -645,11 +655,12 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
         return INVALID_PARAMETERS, 0, 0
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
     short = (2.0 * tolerance) ** 0.2 / frequency
-    h_next = 4.0 * tolerance**0.125 / frequency
+    h_next = 12.0 * tolerance**0.125 / frequency
     number, pushers = start_springs(c, marks, w, release_time)
     to_release = number
     if pushers == 0:
         return NO_SPRING, 0, 0
+    forget_slopes(w)
     inside = marks[POINT_NUMBER]
     follow.closest[0] = np.inf
     for i in range(inside):
@@ -697,7 +708,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
         nearest_acceleration = 0.0
         for i in range(spring_number):
             if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
-                k = SPRINGS + SPRING_COLUMNS * i
+                k = known(SPRINGS + SPRING_COLUMNS * i)
                 s, rate, acceleration = seat_motion(w, START, K, c, marks, i)
                 if s < -PENETRATION_LIMIT:
                     return PENETRATION, step, last
@@ -752,6 +763,9 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 if method == EIGHTH_ORDER:
                     ratio = error_ratio(h, w)
                     if not ratio <= 1.0:
+                        if not ratio < 1e30:
+                            forget_slopes(w)
+                            stages(FIRST, SECOND, EIGHTH_ORDER, t, 0.0, w, c, marks)
                         h *= max(0.2, 0.9 * ratio**-0.125) if ratio < 1e30 else 0.2
                         h_next = h
                         landing = False

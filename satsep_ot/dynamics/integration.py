@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from scipy.integrate import DOP853
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known
 from satsep_ot.dynamics.rigid_body import derivative
 from satsep_ot.dynamics.system import ALLOWED, NEW, STAGES, STATE_SIZE, K, integers
 
@@ -31,6 +31,9 @@ A = np.array([DOP853.A[:STAGES, :STAGES], _classical_a])
 B = np.array([DOP853.B, _classical_b])
 C = np.array([DOP853.C[:STAGES], _classical_c])
 STAGE_NUMBER = np.array([STAGES, 4])
+
+# With B as one more stage.
+STAGE_WEIGHTS = np.concatenate([A, B[:, None]], axis=1)
 ERROR_5, ERROR_3 = DOP853.E5[:STAGES].copy(), DOP853.E3[:STAGES].copy()
 
 
@@ -38,22 +41,36 @@ ERROR_5, ERROR_3 = DOP853.E5[:STAGES].copy(), DOP853.E3[:STAGES].copy()
 FIRST, SECOND = integers(0, 1)
 
 
+@njit(**INLINE)
+def combine(method, stage, h, w, target):
+    """The state that a stage is taken at, or with STAGES the one at the step's end, into w[target:].
+
+    All slopes take part, those with a weight of 0 too: they must be finite. The sum over them has a fixed length, which
+    the compiler unrolls.
+    """
+    at = known(target)
+    for n in range(STATE_SIZE):
+        total = 0.0
+        for j in range(STAGES):
+            total += STAGE_WEIGHTS[method, stage, j] * w[K + j * STATE_SIZE + n]
+        w[at + n] = w[n] + h * total
+
+
+@njit(**INLINE)
+def forget_slopes(w):
+    """Make the slopes of a step finite that had none."""
+    for n in range(STAGES * STATE_SIZE):
+        w[K + n] = 0.0
+
+
 @njit(**KERNEL)
 def stages(first, end, method, t, h, w, c, marks):
     """Fill the stages first to end - 1 of a step of h [s] from the state w[0:STATE_SIZE]; those before are there."""
     for i in range(first, end):
-        at = i * STATE_SIZE
+        at = known(i * STATE_SIZE)
         if i > 0:
-            for n in range(STATE_SIZE):
-                w[at + n] = 0.0
-            for j in range(i):
-                a = A[method, i, j]
-                if a != 0.0:
-                    for n in range(STATE_SIZE):
-                        w[at + n] += a * w[K + j * STATE_SIZE + n]
-            for n in range(STATE_SIZE):
-                w[at + n] = w[n] + h * w[at + n]
-        derivative(t + C[method, i] * h, w, at, K + at, c, marks)
+            combine(method, i, h, w, at)
+        derivative(t + C[method, i] * h, w, at, known(K + at), c, marks)
 
 
 @njit(**INLINE)
@@ -66,15 +83,7 @@ def load(x, w):
 @njit(**INLINE)
 def finish(method, h, w):
     """Write the state at the end of the step into w[NEW:], from its stages."""
-    for n in range(STATE_SIZE):
-        w[NEW + n] = 0.0
-    for i in range(STAGE_NUMBER[method]):
-        b = B[method, i]
-        if b != 0.0:
-            for n in range(STATE_SIZE):
-                w[NEW + n] += b * w[K + i * STATE_SIZE + n]
-    for n in range(STATE_SIZE):
-        w[NEW + n] = w[n] + h * w[NEW + n]
+    combine(method, STAGES, h, w, NEW)
 
 
 @njit(**KERNEL)
@@ -90,17 +99,21 @@ def full_step(method, t, x, h, w, c, marks, out):
 @njit(**KERNEL)
 def error_ratio(h, w):
     """Estimated error of an eighth-order step over the error allowed, as in Hairer's DOP853."""
-    fifth = 0.0
-    third = 0.0
+    # The sums stand where two stage states stood, which are not needed any more.
     for n in range(STATE_SIZE):
         e5 = 0.0
         e3 = 0.0
         for i in range(STAGES):
             e5 += ERROR_5[i] * w[K + i * STATE_SIZE + n]
             e3 += ERROR_3[i] * w[K + i * STATE_SIZE + n]
+        w[STATE_SIZE + n] = e5
+        w[2 * STATE_SIZE + n] = e3
+    fifth = 0.0
+    third = 0.0
+    for n in range(STATE_SIZE):
         inverse = 1.0 / w[ALLOWED + n]
-        e5 *= inverse
-        e3 *= inverse
+        e5 = w[STATE_SIZE + n] * inverse
+        e3 = w[2 * STATE_SIZE + n] * inverse
         fifth += e5 * e5
         third += e3 * e3
     if fifth == 0.0:

@@ -6,7 +6,7 @@ the relative position (metres) is integrated, never coordinates of 7e6 m.
 
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE
+from satsep_ot.dynamics.compilation import INLINE, known
 from satsep_ot.dynamics.gravity import earth_vector, gradient_torque, near_differential_gravity
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.springs import GUIDED, TABLE, contact, law
@@ -102,9 +102,9 @@ def spring_sums(x, at, r, c, marks):
     dy = x[at + 1]
     dz = x[at + 2]
     for i in range(marks[SPRING_NUMBER]):
-        m = SPRING_MARKS + MARK_COLUMNS * i
+        m = known(SPRING_MARKS + MARK_COLUMNS * i)
         if marks[m + ACTIVE] and not (guided and marks[m + LAW] != TABLE):
-            k = SPRINGS + SPRING_COLUMNS * i
+            k = known(SPRINGS + SPRING_COLUMNS * i)
             u = c[k + 3]
             v = c[k + 4]
             w = c[k + 5]
@@ -223,7 +223,7 @@ def seat_motion(x, at, row, c, marks, i):
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(
         x[at + 12], x[at + 13], x[at + 14], x[at + 15]
     )
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     u = c[k + 3]
     v = c[k + 4]
     w = c[k + 5]

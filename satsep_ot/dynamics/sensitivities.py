@@ -16,7 +16,7 @@ import math
 
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE, known
 from satsep_ot.dynamics.flight import (
     AT_EXIT,
     AT_START,
@@ -95,9 +95,9 @@ LANES = 8  # outputs differentiated together: one vector register of the process
 # 12-17); two rotation matrices; what one spring or body adds to the constants; the state beside the chain; the stages.
 LAM, MU, KB, OUT, S, M, X, BRANCH, YB = integers(0, 20, 21, 41, 61, 79, 97, 141, 161)
 THREE, NINE, ROWS = integers(3, 9, STATE_SIZE)
-# Then those of the sums of the guided springs; and of the constants of a run: reduced mass, inertia tensors, stowed length, guide friction, a block a
-# spring (platform seat, satellite seat, guide, stiffness, deformation, release stroke, delay, scale); behind them the
-# CGs, the recess's radius and depth, and the offsets of its planes.
+# Then those of the sums of the guided springs, and of the constants of a run: reduced mass, inertia tensors, stowed
+# length, guide friction, a block a spring (platform seat, satellite seat, guide, stiffness, deformation, release stroke,
+# delay, scale); behind them the CGs, the recess's radius and depth, and the offsets of its planes.
 MATRIX = YB + STAGES * STATE_SIZE
 G = MATRIX + SUM_ROWS * SUM_COLUMNS
 G_PLATFORM_INERTIA, G_SATELLITE_INERTIA, G_STOWED, G_FRICTION = G + 1, G + 10, G + 19, G + 20
@@ -116,22 +116,22 @@ def sweep_size(spring_number, plane_number):
 @njit(**INLINE)
 def clear(a, row, count):
     """Set `count` rows from `row` on to zero."""
-    for n in range(row * LANES, (row + count) * LANES):
-        a[n] = 0.0
+    for n in range(count * LANES):
+        a[known(row * LANES) + n] = 0.0
 
 
 @njit(**INLINE)
 def add(a, source, target, count):
     """Add `count` rows from `source` on to those from `target` on."""
     for n in range(count * LANES):
-        a[target * LANES + n] += a[source * LANES + n]
+        a[known(target * LANES) + n] += a[known(source * LANES) + n]
 
 
 @njit(**KERNEL)
 def add_rotation_adjoint(a, row, q0, q1, q2, q3, target):
     """Add to a quaternion adjoint, rows target to target + 3, what that of its matrix says, rows row to row + 8."""
     for n in range(LANES):
-        m = row * LANES + n
+        m = known(row * LANES) + n
         m00 = a[m]
         m01 = a[m + LANES]
         m02 = a[m + 2 * LANES]
@@ -141,7 +141,7 @@ def add_rotation_adjoint(a, row, q0, q1, q2, q3, target):
         m20 = a[m + 6 * LANES]
         m21 = a[m + 7 * LANES]
         m22 = a[m + 8 * LANES]
-        o = target * LANES + n
+        o = known(target * LANES) + n
         a[o] += 2.0 * (q3 * (m10 - m01) + q2 * (m02 - m20) + q1 * (m21 - m12))
         a[o + LANES] += 2.0 * (q2 * (m01 + m10) + q3 * (m02 + m20) + q0 * (m21 - m12) - 2.0 * q1 * (m11 + m22))
         a[o + 2 * LANES] += 2.0 * (q1 * (m01 + m10) + q3 * (m12 + m21) + q0 * (m02 - m20) - 2.0 * q2 * (m00 + m22))
@@ -155,7 +155,7 @@ def spring_adjoint(x, at, r, i, target, a, c, marks):
     The adjoint of d is added to the rows from `target` on, that of Q's matrix to the rows from M on.
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     u = c[k + 3]
     v = c[k + 4]
     w = c[k + 5]
@@ -293,7 +293,7 @@ def spring_adjoint(x, at, r, i, target, a, c, marks):
 def push_adjoint(x, at, r, i, a, c, marks):
     """Add what spring i contributes, from the adjoints of the sums over the springs in rows S to S + 8."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = r
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     u = c[k + 3]
     v = c[k + 4]
     w = c[k + 5]
@@ -391,13 +391,14 @@ def sums_adjoint(x, at, r, a, c):
         elif j > 0:
             factor = x[at + j - 1]
         # The adjoint of the matrix, and for j > 0 that of d or R.
+        matrix = known((MATRIX + SUM_ROWS * j) * LANES)
         for n in range(SUM_ROWS * LANES):
-            a[(MATRIX + SUM_ROWS * j) * LANES + n] += factor * a[X * LANES + n]
-        k = SUMS + SUM_ROWS * j
-        target = S + 8 + j if j < 4 else M + j - 4
+            a[matrix + n] += factor * a[X * LANES + n]
+        k = known(SUMS + SUM_ROWS * j)
+        target = known((S + 8 + j if j < 4 else M + j - 4) * LANES)
         if j > 0:
             for n in range(LANES):
-                a[target * LANES + n] += (
+                a[target + n] += (
                     c[k] * a[X * LANES + n]
                     + c[k + 1] * a[(X + 1) * LANES + n]
                     + c[k + 2] * a[(X + 2) * LANES + n]
@@ -424,51 +425,58 @@ def collect_sums(i, sign, w, c, marks, a):
     if kind == TABLE or marks[FORCE_LINE] != GUIDED:
         return
     row_and_column(i, c, marks, w)
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     g = G_SPRINGS + G_SPRING_SIZE * i
     scale = c[k + SCALE]
     stiffness = scale * c[k + STIFFNESS]
+    linear = 1.0 if kind == LINEAR else 0.0
+    # Rows X to X + 3: of the row's entry, of the column's entry, of the column's constant and of the stiffness.
+    clear(a, X, NINE)
+    for n in range(SUM_ROWS):
+        matrix = known((MATRIX + n) * LANES)
+        for lane in range(LANES):
+            a[(X + 2) * LANES + lane] += sign * a[matrix + lane] * w[ROW + n]
+    for row in range(SUM_ROWS):
+        # The entries that hold one component of n: alone, then with each component of b.
+        axis = row if row < 3 else (row - 3) // 3
+        arm = (row - 3) % 3
+        direction = c[known(k + 6 + axis)]
+        factor = 1.0 if row < 3 else c[known(k + 3 + arm)]
+        clear(a, X, THREE - 1)
+        for j in range(SUM_COLUMNS):
+            weight = sign * w[COLUMN + j]
+            matrix = known((MATRIX + SUM_ROWS * j + row) * LANES)
+            for lane in range(LANES):
+                a[X * LANES + lane] += weight * a[matrix + lane]
+        for j in range(SUM_ROWS):
+            weight = sign * w[ROW + j]
+            matrix = known((MATRIX + SUM_ROWS * (1 + row) + j) * LANES)
+            for lane in range(LANES):
+                a[(X + 1) * LANES + lane] += weight * a[matrix + lane]
+        by_direction = known((g + 6 + axis) * LANES)
+        by_arm = known((g + 3 + arm) * LANES)
+        for lane in range(LANES):
+            by_column = a[(X + 1) * LANES + lane]
+            by_entry = a[X * LANES + lane] - stiffness * by_column
+            a[(X + 3) * LANES + lane] -= direction * factor * by_column
+            a[by_direction + lane] += factor * by_entry
+            if row >= 3:
+                a[by_arm + lane] += direction * by_entry
+    at = known(g * LANES)
     for lane in range(LANES):
-        constant = 0.0
-        by_stiffness = 0.0
-        for n in range(SUM_ROWS):
-            constant += a[(MATRIX + n) * LANES + lane] * w[ROW + n]
-        constant *= sign
+        constant = linear * a[(X + 2) * LANES + lane]
+        by_stiffness = linear * a[(X + 3) * LANES + lane] + constant * c[k + DEFORMATION]
         for n in range(3):
             direction = c[k + 6 + n]
-            by_direction = 0.0
-            for m in range(4):
-                # The entries of row and column that hold this component of n, alone and with each of b.
-                row = n if m == 0 else 2 + 3 * n + m
-                by_row = 0.0
-                by_column = 0.0
-                for j in range(SUM_COLUMNS):
-                    by_row += a[(MATRIX + SUM_ROWS * j + row) * LANES + lane] * w[COLUMN + j]
-                for j in range(SUM_ROWS):
-                    by_column += a[(MATRIX + SUM_ROWS * (1 + row) + j) * LANES + lane] * w[ROW + j]
-                by_row *= sign
-                by_column *= sign
-                factor = 1.0
-                if m > 0:
-                    factor = c[k + 2 + m]
-                    a[(g + 2 + m) * LANES + lane] += direction * (by_row - stiffness * by_column)
-                by_direction += factor * (by_row - stiffness * by_column)
-                by_stiffness -= direction * factor * by_column
-            if kind == LINEAR:
-                by_direction += constant * stiffness * c[k + n]
-                a[(g + n) * LANES + lane] += constant * stiffness * direction
-                by_stiffness += constant * direction * c[k + n]
-            a[(g + 6 + n) * LANES + lane] += by_direction
-        if kind == LINEAR:
-            by_stiffness += constant * c[k + DEFORMATION]
-            a[(g + 9) * LANES + lane] += scale * by_stiffness
-            a[(g + 10) * LANES + lane] += stiffness * constant
-            a[(g + 13) * LANES + lane] += c[k + STIFFNESS] * by_stiffness
-        else:
-            a[(g + 13) * LANES + lane] -= constant
+            by_stiffness += constant * direction * c[k + n]
+            a[at + n * LANES + lane] += constant * stiffness * direction
+            a[at + (6 + n) * LANES + lane] += constant * stiffness * c[k + n]
+        a[at + 9 * LANES + lane] += scale * by_stiffness
+        a[at + 10 * LANES + lane] += stiffness * constant
+        a[at + 13 * LANES + lane] += c[k + STIFFNESS] * by_stiffness - (1.0 - linear) * a[(X + 2) * LANES + lane]
 
 
-@njit(**KERNEL)
+@njit(**INLINE)
 def body_adjoint(c, inertia, o0, o1, o2, slope, at, row, target, g_row, a):
     """Adjoint of I w' = M - w x I w: from that of w', rows row to row + 2, to those of M (written there), w and I."""
     a0 = slope[at]
@@ -516,7 +524,7 @@ def body_adjoint(c, inertia, o0, o1, o2, slope, at, row, target, g_row, a):
     add(a, X, g_row, NINE)
 
 
-@njit(**KERNEL)
+@njit(**INLINE)
 def torque_adjoint(c, inertia, torque, nx, ny, nz, row, a):
     """Adjoint of the gradient torque, torque * n x (I n), from that of the moment in rows row to row + 2.
 
@@ -772,15 +780,15 @@ def step_adjoint(method, t, x, h, w, c, marks, lam, a):
     for i in range(last, -1, -1):
         b = h * B[method, i]
         for n in range(STATE_SIZE * LANES):
-            a[KB * LANES + n] = b * a[lam * LANES + n]
+            a[KB * LANES + n] = b * a[known(lam * LANES) + n]
         for later in range(i + 1, last + 1):
             b = h * A[method, later, i]
             if b != 0.0:
                 for n in range(STATE_SIZE * LANES):
-                    a[KB * LANES + n] += b * a[(YB + later * STATE_SIZE) * LANES + n]
+                    a[KB * LANES + n] += b * a[known((YB + later * STATE_SIZE) * LANES) + n]
         derivative_adjoint(t + C[method, i] * h, w, i * STATE_SIZE, K + i * STATE_SIZE, a, c, marks)
         for n in range(STATE_SIZE * LANES):
-            a[(YB + i * STATE_SIZE) * LANES + n] = a[OUT * LANES + n]
+            a[known((YB + i * STATE_SIZE) * LANES) + n] = a[OUT * LANES + n]
     for i in range(last + 1):
         add(a, YB + i * STATE_SIZE, lam, ROWS)
 

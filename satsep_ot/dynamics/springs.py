@@ -28,7 +28,7 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import PchipInterpolator
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known
 from satsep_ot.dynamics.system import (
     COLUMN,
     DEFORMATION,
@@ -111,12 +111,12 @@ def friction_law():
 @njit(**INLINE)
 def law(c, marks, i, s):
     """The force of spring i at the stroke s before its scale, and its three derivatives."""
-    kind = marks[SPRING_MARKS + MARK_COLUMNS * i + LAW]
+    kind = marks[known(SPRING_MARKS + MARK_COLUMNS * i + LAW)]
     if kind == TABLE:
         return table_law(c, marks, i, s)
     if kind == FRICTION:
         return friction_law()
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     return linear_law(c[k + STIFFNESS], c[k + DEFORMATION], s)
 
 
@@ -127,7 +127,7 @@ def contact(c, marks, i, qx, qy, qz, mx, my, mz):
     Returns the stroke, its gradient g (3), the contact point (3, from the platform's CG), and the contact force along
     g for a unit spring force (below 1 where the guide rubs). All in platform axes.
     """
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     ex = qx - c[k]
     ey = qy - c[k + 1]
     ez = qz - c[k + 2]
@@ -153,7 +153,7 @@ def contact(c, marks, i, qx, qy, qz, mx, my, mz):
 @njit(**KERNEL)
 def row_and_column(i, c, marks, w):
     """What guided spring i adds to the sums, as a row w[ROW:] and a column w[COLUMN:]: see `add_to_sums`."""
-    k = SPRINGS + SPRING_COLUMNS * i
+    k = known(SPRINGS + SPRING_COLUMNS * i)
     stiffness = c[k + SCALE] * c[k + STIFFNESS]
     constant = -c[k + SCALE]
     if marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == LINEAR:
@@ -183,7 +183,7 @@ def add_to_sums(i, sign, c, marks, w):
     for j in range(SUM_COLUMNS):
         factor = sign * w[COLUMN + j]
         for n in range(SUM_ROWS):
-            c[SUMS + SUM_ROWS * j + n] += factor * w[ROW + n]
+            c[known(SUMS + SUM_ROWS * j) + n] += factor * w[ROW + n]
 
 
 def table_segments(tables, size):

@@ -46,7 +46,8 @@ STIFFNESS, DEFORMATION, RELEASE_STROKE, DELAY, SCALE = integers(9, 10, 11, 12, 1
 TABLE_COLUMNS, POINT_COLUMNS, PLANE_COLUMNS = integers(5, 3, 4)
 
 # Whole numbers, `marks`: how many springs, segments a table, points, planes; the force line, the level of gravity;
-# where tables, points and planes start; how many springs have tables, how many push now; then for each spring whether it pushes, whether it is to start, and its law.
+# where tables, points and planes start; how many springs have tables, and how many push now; then for each spring
+# whether it pushes, whether it is still to start, and its law.
 SPRING_NUMBER, SEGMENT_NUMBER, POINT_NUMBER, PLANE_NUMBER, FORCE_LINE, GRAVITY_LEVEL = np.arange(6)
 TABLES, POINTS, PLANES, TABLE_NUMBER, PUSHING = integers(6, 7, 8, 9, 10)
 SPRING_MARKS, MARK_COLUMNS = integers(11, 3)
