@@ -91,6 +91,8 @@ from satsep_ot.dynamics.system import (
 )
 
 MAXIMUM_STEPS = 1000
+# What a step may err, as a share of what the run may: rates that the push nearly cancels, struts that turn fast.
+STEP_MARGIN = 0.1
 PENETRATION_LIMIT = 1e-3  # m
 
 NOBODY = np.int64(-1)  # no spring
@@ -654,8 +656,9 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
     if not valid:
         return INVALID_PARAMETERS, 0, 0
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
-    short = (2.0 * tolerance) ** 0.2 / frequency
-    h_next = 12.0 * tolerance**0.125 / frequency
+    short = (4.0 * tolerance) ** 0.2 / frequency
+    h_next = 9.0 * tolerance**0.125 / frequency
+    step_tolerance = max(STEP_MARGIN * tolerance, 1e-13)
     number, pushers = start_springs(c, marks, w, release_time)
     to_release = number
     if pushers == 0:
@@ -741,12 +744,12 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
             if gravity:
                 h = min(h, 0.5 * ANCHOR_LIFE)
             for n in range(3):
-                w[ALLOWED + n] = tolerance * stroke
-                w[ALLOWED + 3 + n] = tolerance * (velocity + abs(x[3 + n]))
-                w[ALLOWED + 6 + n] = tolerance * (1e-3 + abs(x[6 + n]))
-                w[ALLOWED + 9 + n] = tolerance * (1e-3 + abs(x[9 + n]))
+                w[ALLOWED + n] = step_tolerance * stroke
+                w[ALLOWED + 3 + n] = step_tolerance * (velocity + abs(x[3 + n]))
+                w[ALLOWED + 6 + n] = step_tolerance * (1e-3 + abs(x[6 + n]))
+                w[ALLOWED + 9 + n] = step_tolerance * (1e-3 + abs(x[9 + n]))
             for n in range(12, STATE_SIZE):
-                w[ALLOWED + n] = tolerance
+                w[ALLOWED + n] = step_tolerance
             landing = target < limit and target <= 1.3 * h
             h = target if landing else min(h, limit)
             if short < h <= 2.0 * short:
@@ -825,7 +828,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 rate = 1e-2
                 for n in range(6, 12):
                     rate += abs(new[n])
-                short = (2.0 * tolerance) ** 0.2 / rate
+                short = (4.0 * tolerance) ** 0.2 / rate
         elif event == PUSH_STARTS:
             start_push(which, c, marks, w)
     return OK, step, last

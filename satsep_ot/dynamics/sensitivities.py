@@ -96,8 +96,8 @@ LANES = 8  # outputs differentiated together: one vector register of the process
 LAM, MU, KB, OUT, S, M, X, BRANCH, YB = integers(0, 20, 21, 41, 61, 79, 97, 141, 161)
 THREE, NINE, ROWS = integers(3, 9, STATE_SIZE)
 # Then those of the sums of the guided springs, and of the constants of a run: reduced mass, inertia tensors, stowed
-# length, guide friction, a block a spring (platform seat, satellite seat, guide, stiffness, deformation, release stroke,
-# delay, scale); behind them the CGs, the recess's radius and depth, and the offsets of its planes.
+# length, guide friction, a block a spring (platform seat, satellite seat, guide, stiffness, deformation, release
+# stroke, delay, scale); behind them the CGs, the recess's radius and depth, and the offsets of its planes.
 MATRIX = YB + STAGES * STATE_SIZE
 G = MATRIX + SUM_ROWS * SUM_COLUMNS
 G_PLATFORM_INERTIA, G_SATELLITE_INERTIA, G_STOWED, G_FRICTION = G + 1, G + 10, G + 19, G + 20
