@@ -10,6 +10,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Pivot
 from satsep_ot.dynamics.springs import ForceLine
@@ -199,6 +200,18 @@ def test_the_push_has_a_meaning_on_every_orbit(push, direction, orbit):
     assert np.allclose(y, axis / np.linalg.norm(axis), rtol=0, atol=1e-14)
 
 
+def test_a_window_of_re_contact():
+    assert load_case("reference").separation.recontact is None
+    assert parse_case(changed("[envelope]", "[recontact]\n[envelope]")).separation.recontact == Recontact()
+    text = changed("[envelope]", "[recontact]\nstart_orbits = 0\nend_orbits = 3\n[envelope]")
+    separation = parse_case(text.replace('quantity = "spin"', 'quantity = "recontact_distance"')).separation
+    assert separation.recontact == Recontact(0.0, 3.0)
+    orbit, end = text.index("[orbit]"), text.index("# [recontact]")
+    assert "[recontact] needs the table [orbit]" in refusal(text[:orbit] + text[end:])
+    escape = "position = [7000, 0, 0]\nvelocity = [0, 12, 0] #"
+    assert "[recontact] cannot be used: the orbit is not closed" in refusal(text.replace("altitude = 500.0 ", escape))
+
+
 def test_without_envelope_inputs_and_requirements():
     case = parse_case(REFERENCE[: REFERENCE.index("[envelope]")])
     assert case.separation.envelope is None
@@ -343,6 +356,17 @@ REFUSALS = {
         ["the perigee is 6300 km", "above the surface, 6378.14 km"],
     ),
     "j2 without a plane": ("altitude = 500.0", "altitude = 500.0\nj2 = true", ["orbit.inclination is missing", "j2"]),
+    "window that ends before it starts": (
+        "[envelope]",
+        "[recontact]\nend_orbits = 0.05\n[envelope]",
+        ["[recontact]", "0.1 to 0.05 orbits", "0 <= start_orbits < end_orbits <= 100"],
+    ),
+    "window in words": ("[envelope]", "[recontact]\nend_orbits = 'one'\n[envelope]", ["recontact.end_orbits = 'one'"]),
+    "re-contact distance without a window": (
+        'quantity = "spin"',
+        'quantity = "recontact_distance"',
+        ["needs the table [recontact]"],
+    ),
     "unknown push": ('"along-track"', '"forward"', ["orbit.push", "'against-track'"]),
     "text for a flag": (
         "gradient_torque = false",

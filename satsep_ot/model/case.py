@@ -17,6 +17,7 @@ import openturns as ot
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import Recontact, check_orbit
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, quaternion_from_matrix, rotation_matrix
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
 from satsep_ot.dynamics.springs import ForceLine
@@ -254,8 +255,8 @@ def parse_case(text: str, file: str = "case") -> Case:
         reason = "tables or arrays are nested too deep" if isinstance(error, RecursionError) else str(error)
         raise CaseError(f"{file}: not valid TOML: {reason}") from error
     sections = (
-        "name", "description", "horizon", "platform", "satellite", "springs", "initial", "orbit", "envelope", "inputs",
-        "correlation", "requirements",
+        "name", "description", "horizon", "platform", "satellite", "springs", "initial", "orbit", "recontact",
+        "envelope", "inputs", "correlation", "requirements",
     )  # fmt: skip
     root = _Table(file, "", data, sections)
     # Misspelt keys are reported before missing ones: the first usually explains the second.
@@ -293,6 +294,7 @@ _TABLE_KEYS = {
         "right_ascension", "argument_of_perigee", "true_anomaly", "position", "velocity", "push",
         "gravitational_parameter", "gradient_torque", "j2",
     ),
+    "recontact": ("start_orbits", "end_orbits"),
     "envelope": ("half_width", "height", "points", "recess_radius", "recess_depth"),
 }  # fmt: skip
 _MISSING = object()
@@ -436,6 +438,7 @@ def _separation(root, tables):
         envelope=envelope,
         recess_radius=recess_radius,
         recess_depth=recess_depth,
+        recontact=_recontact(tables["recontact"], orbit),
         horizon=root.number("horizon", "s", Separation.horizon, "positive", below=1e3),
     )
     try:
@@ -634,6 +637,19 @@ def _pushed_attitude(table, initial, orbit, way):
     return quaternion_from_matrix(orbit_axes @ body_axes.T)
 
 
+def _recontact(table, orbit):
+    if table is None:
+        return None
+    if orbit is None:
+        raise CaseError(f"{table.file}: the table [recontact] needs the table [orbit]")
+    ends = (table.number(name, "orbits", getattr(Recontact, name)) for name in _TABLE_KEYS["recontact"])
+    try:
+        check_orbit(orbit)
+        return Recontact(*ends)
+    except ValueError as error:
+        raise CaseError(f"{table.file}: [recontact] cannot be used: {error}") from error
+
+
 def _envelope(table):
     if table is None:
         return None, 0.0, 0.0
@@ -801,6 +817,8 @@ def _requirements(root, separation):
             hint = did_you_mean(quantity, known)
             if quantity == "clearance":
                 hint = "; a clearance needs the table [envelope]"
+            if quantity == "recontact_distance":
+                hint = "; a re-contact distance needs the table [recontact]"
             raise table.error("quantity", quantity, f"one of {', '.join(known)}{hint}")
         limits = [key for key in ("maximum", "minimum") if key in table]
         if len(limits) != 1:
