@@ -6,8 +6,10 @@ Mechanics* (2002), sections 1.2 and 5.1.
 """
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 
 
 def kinetic_energy(separation, states):
@@ -76,6 +78,84 @@ def angular_momentum(separation, states):
     spin = states[:, 6:9] @ separation.platform.inertia
     spin += _turned(states[:, 12:16], states[:, 9:12] @ separation.satellite.inertia)
     return _turned(states[:, 16:20], orbital + spin)
+
+
+def spring_strokes(separation, states):
+    """The stroke of every spring as the bodies lie, whether it pushes or not; see `satsep_ot.dynamics.springs`.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+    states : array_like, shape (T, 20)
+        See `satsep_ot.dynamics.system`.
+
+    Returns
+    -------
+    strokes : ndarray, shape (T, N)
+        [m]
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.invariants import spring_strokes
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> from satsep_ot.dynamics.simulation import trajectory
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> separation = Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)
+    >>> path = trajectory(separation, [0.0, 0.05])
+    >>> print([f"{stroke:.4f}" for stroke in spring_strokes(separation, path.states)[:, 0]])
+    ['0.0000', '0.0112']
+    """
+    states, springs, stowed = np.asarray(states, dtype=float), separation.springs, separation.stowed_length
+    ca, sa, cb, sb = np.cos(springs.angle), np.sin(springs.angle), np.cos(springs.cant), np.sin(springs.cant)
+    seats = np.stack([springs.radius * ca, np.zeros(len(springs)), springs.radius * sa], axis=1)
+    guides = np.stack([-sb * sa, cb, sb * ca], axis=1)
+    # A stowed strut lies along its guide: the platform's seat is recessed by l_0 n, the satellite raised by l_0 y.
+    platform_seats = seats + stowed * (np.array([0.0, 1.0, 0.0]) - guides) - separation.platform.center_of_mass
+    strokes = np.empty((len(states), len(springs)))
+    plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (len(states), 1)))
+    for i, seat in enumerate(seats - separation.satellite.center_of_mass):
+        delta = states[:, 0:3] + _turned(states[:, 12:16], np.tile(seat, (len(states), 1))) - platform_seats[i]
+        if separation.force_line == ForceLine.GUIDED:
+            strokes[:, i] = delta @ guides[i]
+        elif separation.force_line == ForceLine.STRUT:
+            strokes[:, i] = np.linalg.norm(delta, axis=1) - stowed
+        else:
+            strokes[:, i] = np.sum(delta * plate, axis=1) / (plate @ guides[i])
+    return strokes
+
+
+def spring_work(separation, start, end):
+    """The work of each spring between two strokes, the integral of its force.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+        Without friction in the guides, which takes a part of this work.
+    start, end : array_like, shape (N,)
+        Strokes at the start of each push and at its release [m].
+
+    Returns
+    -------
+    work : ndarray, shape (N,)
+        [J]; 0 for a spring that has failed.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.invariants import spring_work
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> separation = Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)
+    >>> print(spring_work(separation, [0.0] * 4, [0.03] * 4))
+    [4.125 4.125 4.125 4.125]
+    """
+    springs, start, end = separation.springs, np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    work = springs.stiffness * (end - start) * (springs.deformation - 0.5 * (start + end))
+    for i, table in enumerate(springs.tables):
+        if springs.laws[i] == ForceLaw.TABLE:
+            work[i] = PchipInterpolator(table[:, 0], table[:, 1]).integrate(start[i], end[i])
+        elif springs.laws[i] == ForceLaw.FRICTION:
+            work[i] = start[i] - end[i]
+    return np.where(springs.scale > 0.0, springs.scale * work, 0.0)
 
 
 def _reduced_mass(separation):
