@@ -16,7 +16,7 @@ GALLERY = [name for name in shipped_cases() if name != "reference"]
 
 
 def test_the_gallery_is_there():
-    assert {"cubesat", "ring_400kg", "spinning_stage"} <= set(GALLERY)
+    assert {"cubesat", "one_spring_failed", "ring_400kg", "spinning_stage"} <= set(GALLERY)
 
 
 @pytest.mark.parametrize("name", GALLERY)

@@ -5,8 +5,10 @@ import math
 import numpy as np
 import openturns as ot
 
+from satsep_ot.dynamics.invariants import spring_work
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.inputs import ParameterMap, joint_distribution, quantile_range
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
@@ -36,8 +38,9 @@ def push_energy(separation) -> float:
     16.5
     """
     springs = separation.springs
-    way = np.minimum(springs.stroke, springs.deformation)
-    return float(np.sum(springs.stiffness * way * (springs.deformation - 0.5 * way)))
+    linear = springs.laws == ForceLaw.LINEAR
+    way = np.where(linear, np.minimum(springs.stroke, springs.deformation), springs.stroke)
+    return float(spring_work(separation, np.zeros(len(springs)), way).sum())
 
 
 def implausibilities(case) -> list[str]:
@@ -68,17 +71,18 @@ def implausibilities(case) -> list[str]:
 def _of_the_push(separation):
     energy = push_energy(separation)
     inverse = 1.0 / separation.platform.mass + 1.0 / separation.satellite.mass
-    speed = math.sqrt(2.0 * energy * inverse)
+    speed = math.sqrt(max(2.0 * energy * inverse, 0.0))
     if not _SLOWEST <= speed <= _FASTEST:
         yield (
             f"springs: their energy of {energy:.3g} J gives {speed:.3g} m/s; separations have {_SLOWEST:g} to "
             f"{_FASTEST:g} m/s (N/m and mm?)"
         )
-    force = float(np.sum(separation.springs.stiffness * separation.springs.deformation))
+    force = float(np.sum(separation.springs.scale * separation.springs.stiffness * separation.springs.deformation))
     acceleration = force / separation.satellite.mass
     if acceleration > _LARGEST_ACCELERATION:
         yield f"springs: they accelerate the satellite by {acceleration / 9.80665:.3g} g at the start (N/m?)"
-    if np.any(separation.springs.stroke > separation.springs.deformation):
+    springs = separation.springs
+    if np.any((springs.laws == ForceLaw.LINEAR) & (springs.stroke > springs.deformation)):
         yield "springs: a stroke is longer than the deformation; that spring lets go where it is relaxed"
     for axis, rate in zip("xyz", np.degrees(separation.rates), strict=True):
         if abs(rate) > _LARGEST_RATE:
