@@ -29,7 +29,7 @@ def test_numbers_have_sources(name):
     assert used <= sources
     # Every mass, inertia, spring and limit line names one.
     for line in text.splitlines():
-        if re.match(r"(mass|stiffness|deformation|stroke|radius|count|angles|maximum|minimum) =", line):
+        if re.match(r"(mass|stiffness|deformation|stroke|radius|count|angles|maximum|minimum) = [-\d\[]", line):
             assert "#" in line, line
 
 
