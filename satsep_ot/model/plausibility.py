@@ -113,6 +113,7 @@ def _of_the_inputs(case):
         low, high = quantile_range(row.distribution)
         half = 0.5 * (high - low)
         mean = row.distribution.getMean()[0]
+        yield from _beyond_a_table(case.separation, row, high)
         positive = row.unit in ("kg", "N/m") or row.parameters[0].endswith(("inertia.xx", "inertia.yy", "inertia.zz"))
         if positive and half > 3.0 * _LARGEST_RELATIVE_SCATTER * abs(mean):
             yield (
@@ -125,6 +126,20 @@ def _of_the_inputs(case):
                 f"{row.name}: its nominal value, {row.reference:.4g} {row.unit}, is not among the likely ones, "
                 f"{low:.4g} to {high:.4g}: the nominal run is not typical"
             )
+
+
+def _beyond_a_table(separation, row, high):
+    """A stroke that scatters beyond the last row of its spring's table: nothing is known of the force there."""
+    for parameter in row.parameters:
+        if parameter.startswith("springs[") and parameter.endswith(".stroke"):
+            i = int(parameter[8 : parameter.index("]")])
+            stroke = separation.springs.stroke[i] + row.factor * (high - row.reference)
+            table = separation.springs.tables[i]
+            if table is not None and stroke > table[-1, 0]:
+                yield (
+                    f"{row.name}: the stroke of spring {i + 1} reaches {1e3 * stroke:.4g} mm at the 99.9 % quantile, "
+                    f"but its force-stroke table ends at {1e3 * table[-1, 0]:g} mm"
+                )
 
 
 def _of_runs(case):
