@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 import tempfile
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -350,7 +351,8 @@ def _simulate(options):
     from satsep_ot.model.run_document import run_document
 
     case = load_case(options.case)
-    document = run_document(case, options.at, options.tolerance)
+    with _patience():
+        document = run_document(case, options.at, options.tolerance)
     if options.json:
         print(json.dumps(document, indent=2, allow_nan=False))
     else:
@@ -457,6 +459,7 @@ def _print_study(name, study, verdicts, paths):
             console.print(
                 f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
                 f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
+                + ("" if row["converged"] else ", not converged")
             )
     # Not through the console, which would fold a long path.
     print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")
@@ -563,12 +566,26 @@ def _study_remarks(rows):
         yield f"  {row['method']}: {text}"
 
 
+@contextmanager
+def _patience(seconds=2.0):
+    """Say why it takes so long where it does: only the first run of all compiles."""
+    text = "compiling the simulator, which the first run of all does once ..."
+    timer = threading.Timer(seconds, lambda: print(text, file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 def _nominal_run(case):
     """The outcome of the nominal run, and value, unit and description of each quantity by name."""
     from satsep_ot.dynamics.quantities import quantity_table
     from satsep_ot.dynamics.simulation import simulate
 
-    outcome = simulate(case.separation)
+    with _patience():
+        outcome = simulate(case.separation)
     values = {
         name: (float(quantity.value(outcome.base)[0]), quantity.unit, quantity.description)
         for name, quantity in quantity_table(case.separation).items()
@@ -720,7 +737,7 @@ def _inputs(inputs):
 def _quantities(quantities):
     table = _table("Nominal run", "quantity", ">value", "unit", "what")
     for name, (value, unit, description) in quantities.items():
-        table.add_row(name, f"{value:.9g}", unit, description)
+        table.add_row(name, _rounded(value, 9), unit, description)
     return table
 
 
@@ -733,9 +750,14 @@ def _requirements(requirements, quantities):
         verdict = "met" if entry.is_met(value) else "violated"
         allowed = "" if entry.allowed_probability is None else f"{entry.allowed_probability:g}"
         table.add_row(
-            _plain(entry.name), str(entry), f"{value:.6g}", unit, "unknown" if value != value else verdict, allowed
+            _plain(entry.name), str(entry), _rounded(value, 6), unit, "unknown" if value != value else verdict, allowed
         )
     return table
+
+
+def _rounded(value, digits):
+    """A number for people, to whom a rounding error is 0; JSON has all digits."""
+    return "0" if abs(value) < 1e-9 else f"{value:.{digits}g}"
 
 
 def _numbers(values, scale=1.0):

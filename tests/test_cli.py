@@ -422,3 +422,12 @@ def test_check_and_simulate_tell_every_effect(tmp_path, capsys):
         "pins of connector 1",
     ):
         assert words in out, words
+
+
+def test_a_first_run_says_why_it_takes_long(capsys):
+    with cli._patience(0.01):
+        time.sleep(0.2)
+    assert "compiling the simulator" in capsys.readouterr().err
+    with cli._patience(5.0):
+        pass
+    assert capsys.readouterr().err == ""
