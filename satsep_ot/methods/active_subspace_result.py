@@ -25,6 +25,7 @@ from satsep_ot.methods.subspace_estimation import (
     bootstrap_subspace,
     estimate_subspace,
     quantile_bands,
+    reflected_bands,
     subspace_distance,
 )
 
@@ -37,14 +38,17 @@ def _checkLevel(level):
 class ActiveSubspaceResult:
     """Result of :class:`ActiveSubspaceAlgorithm`.
 
-    Intervals are bootstrap quantiles over the gradient sample, all outputs of a point together.
+    Intervals are bootstrap quantiles over the gradient sample, all outputs of a point together. Those of eigenvalues,
+    scores and the error bound are reflected on the logarithmic scale, which takes their bias back
+    (:func:`~satsep_ot.methods.subspace_estimation.reflected_bands`). They hold for eigenvalues that stand alone; within
+    a group of equal ones (:meth:`getRepeatedGroups`) no bootstrap covers at its level.
 
     Examples
     --------
     >>> import openturns as ot
     >>> from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
     >>> ot.RandomGenerator.SetSeed(0)
-    >>> function = ot.SymbolicFunction(["a", "b", "c"], ["(a + b)^2 + 0.1 * c"])
+    >>> function = ot.SymbolicFunction(["a", "b", "c"], ["(a + b)^2 + 0.01 * c"])
     >>> algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(3))
     >>> algorithm.run()
     >>> result = algorithm.getResult()
@@ -134,9 +138,12 @@ class ActiveSubspaceResult:
         return ot.Point(self._eigenvalues)
 
     def getEigenvaluesInterval(self, level=0.95):
-        """Bootstrap quantile interval of each eigenvalue, an :py:class:`openturns.Interval`."""
+        """Bootstrap interval of each eigenvalue, an :py:class:`openturns.Interval`."""
         _checkLevel(level)
-        return ot.Interval(*quantile_bands(self._eigenvalueReplicates, level))
+        return ot.Interval(*self._eigenvalueBands(level))
+
+    def _eigenvalueBands(self, level):
+        return reflected_bands(self._eigenvalues, self._eigenvalueReplicates, level)
 
     def getResolvedEigenvaluesNumber(self):
         """How many eigenvalues the gradients can resolve; the others are reported as 0."""
@@ -188,7 +195,7 @@ class ActiveSubspaceResult:
             Positions from 0; groups of at least two among the resolved eigenvalues that are not 0.
         """
         _checkLevel(level)
-        lower, upper = quantile_bands(self._eigenvalueReplicates, level)
+        lower, upper = self._eigenvalueBands(level)
         groups, group = [], []
         floor = (len(lower) * np.finfo(float).eps) ** 2 * self._eigenvalues[0]
         for i in range(self._resolved):
@@ -279,13 +286,13 @@ class ActiveSubspaceResult:
         return ot.Point((self._vectors[:, :n] ** 2) @ self._eigenvalues[:n])
 
     def getActivityScoresInterval(self, level=0.95, dimension=None):
-        """Bootstrap quantile interval of the activity scores."""
+        """Bootstrap interval of the activity scores."""
         _checkLevel(level)
         if dimension == len(self._eigenvalues):
             return self.getDerivativeBasedIndicesInterval(level)
         n = self._scoreDimension(dimension, self._vectorReplicates.shape[2])
         replicates = np.einsum("bij,bj->bi", self._vectorReplicates[:, :, :n] ** 2, self._eigenvalueReplicates[:, :n])
-        return ot.Interval(*quantile_bands(replicates, level))
+        return ot.Interval(*reflected_bands(np.array(self.getActivityScores(n)), replicates, level))
 
     def _scoreDimension(self, dimension, largest):
         if dimension is None:
@@ -302,12 +309,12 @@ class ActiveSubspaceResult:
         return ot.Point(np.array(self.getWeights()) @ self._squares())
 
     def getDerivativeBasedIndicesInterval(self, level=0.95):
-        """Bootstrap quantile interval of the derivative-based sensitivity."""
+        """Bootstrap interval of the derivative-based sensitivity."""
         _checkLevel(level)
         weights = self._counts * np.array(self.getWeights())
         total = weights.sum(axis=1, keepdims=True)
         replicates = (weights / np.where(total > 0.0, total, 1.0)) @ self._squares()
-        return ot.Interval(*quantile_bands(replicates, level))
+        return ot.Interval(*reflected_bands(np.array(self.getDerivativeBasedIndices()), replicates, level))
 
     def getTotalSobolBound(self):
         """Upper bounds nu_i / Var g of the total Sobol indices in U (Poincare inequality; one output).
@@ -329,10 +336,11 @@ class ActiveSubspaceResult:
         return float(np.sqrt(self._eigenvalues[self._dimension :].sum()))
 
     def getErrorBoundInterval(self, level=0.95):
-        """Bootstrap quantile interval (1-dimensional) of the error bound."""
+        """Bootstrap interval (1-dimensional) of the error bound."""
         _checkLevel(level)
-        lower, upper = quantile_bands(np.sqrt(self._eigenvalueReplicates[:, self._dimension :].sum(axis=1)), level)
-        return ot.Interval(float(lower), float(upper))
+        replicates = np.sqrt(self._eigenvalueReplicates[:, self._dimension :].sum(axis=1))
+        lower, upper = reflected_bands(np.array([self.getErrorBound()]), replicates[:, None], level)
+        return ot.Interval(lower, upper)
 
     def getEvaluationCallsNumber(self):
         """Evaluations of the function, those of finite differences and of the noise included."""
@@ -393,7 +401,7 @@ class ActiveSubspaceResult:
             1.0,
             ot.GraphImplementation.LOGY,
         )
-        lower, upper = (np.maximum(band[:number], floor) for band in quantile_bands(self._eigenvalueReplicates, level))
+        lower, upper = (np.maximum(band[:number], floor) for band in self._eigenvalueBands(level))
         _add_band(graph, np.maximum(self._eigenvalues[:number], floor), lower, upper, level)
         return graph
 
