@@ -6,7 +6,7 @@ A panel draws into the axes given, or into those of a new figure, and returns th
 * ``draw_sufficient_summary(active, values, regression, ax=None, label="", unit="", level=0.95)``
 * ``draw_density(sample, ax=None, density=None, label="", unit="", limit=None, is_maximum=True, probability=None)``
 * ``draw_probabilities(rows, ax=None, title="")``, ``draw_answer(row, allowed=None, ax=None)``
-* ``draw_shares(shares, ax=None, title="", largest=8)``
+* ``draw_shares(shares, ax=None, title="", largest=8, label="share")``
 * ``draw_separation_velocity(motion, ax=None)``, ``draw_rates(motion, ax=None)``, ``draw_strokes(motion, ax=None)``
 
 A figure puts panels of one kind together and is returned; ``save_figure(figure, path)`` writes it:
@@ -543,7 +543,7 @@ def draw_answer(row, allowed=None, ax=None):
     return ax
 
 
-def draw_shares(shares, ax=None, title="", largest=8):
+def draw_shares(shares, ax=None, title="", largest=8, label="share"):
     """Shares as horizontal bars, the largest at the top, what is left over in one bar.
 
     Parameters
@@ -554,6 +554,8 @@ def draw_shares(shares, ax=None, title="", largest=8):
     title : str
     largest : int
         How many have bars of their own.
+    label : str
+        What they are shares of.
 
     Returns
     -------
@@ -578,7 +580,7 @@ def draw_shares(shares, ax=None, title="", largest=8):
     if rest:
         bars[f"{len(rest)} others"] = sum(rest)
     ax = _axes(ax, (PANEL_SIZE[0], 1.2 + 0.3 * len(bars)))
-    _dress(ax, "share [%]", "", title)
+    _dress(ax, f"{label} [%]", "", title)
     places = range(len(bars))
     ax.barh(places, [100.0 * share for share in bars.values()], color=GREY, edgecolor=BLACK, linewidth=1.0)
     for place, share in zip(places, bars.values(), strict=True):

@@ -334,15 +334,17 @@ class SeparationStudy:
         By its importance in the violations that ActiveSubspace saw; without these, by the mean squared derivatives of
         the smooth components. Empty where neither is known.
         """
-        case = self._problem.getCase()
-        result = self._results.get(requirement)
-        shares = {} if result is None else drivers.importance_shares(case, result)
+        shares = self._importanceShares(requirement)
         if shares:
             return shares
         function, _, smooth, _ = self._problem.getComponents(requirement)
         names = [function.getOutputDescription()[index].split(" [")[0] for index in smooth]
         subspaces = [self._components[name].subspace for name in names if name in self._components]
-        return drivers.driver_shares(case, subspaces) if subspaces else {}
+        return drivers.driver_shares(self._problem.getCase(), subspaces) if subspaces else {}
+
+    def _importanceShares(self, requirement):
+        result = self._results.get(requirement)
+        return {} if result is None else drivers.importance_shares(self._problem.getCase(), result)
 
     def getTolerances(self):
         """What halving a tolerance buys: for each requirement, a dictionary for each tolerance tried."""
@@ -551,7 +553,9 @@ class SeparationStudy:
         for requirement in self._problem.getRequirementNames():
             shares = self.getDriverShares(requirement)
             if shares:
-                ax = figures.draw_shares(shares, title=requirement)
+                seen = self._importanceShares(requirement)
+                label = "share in the violations" if seen else "share in the squared sensitivity"
+                ax = figures.draw_shares(shares, title=requirement, label=label)
                 yield "drivers", requirement, f"shares of the tolerances in {requirement}", ax.figure
         for requirement, halved in self._tolerances.items():
             best = best_row(self._rowsOf(requirement))
