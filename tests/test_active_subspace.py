@@ -389,3 +389,35 @@ def test_sufficient_summary_in_one_and_two_dimensions():
     assert isinstance(two.drawSufficientSummary(), ot.Graph)
     with pytest.raises(ValueError, match="output must be 0 to 0"):
         two.drawSufficientSummary(output=1)
+
+
+def test_intervals_cover_at_their_level():
+    # g = sum c_i u_i^2 / 2 + l.u has the matrix diag(c^2) + l l^T; bands of plain quantiles hold the third eigenvalue
+    # and the error bound in 80 % only.
+    curvature, slope = np.array([2.0, 1.0, 0.5, 0.25]), np.array([1.0, 0.0, 0.0, 0.2])
+    matrix = np.diag(curvature**2) + np.outer(slope, slope)
+    truth = np.linalg.eigvalsh(matrix)[::-1]
+    first = np.linalg.eigh(matrix)[1][:, -2:] ** 2 @ truth[1::-1]
+    random = np.random.default_rng(6)
+    inside = {"eigenvalues": [], "scores": [], "bound": [], "distance": []}
+    for _ in range(100):
+        points = random.standard_normal((60, 4))
+        algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+            ot.Normal(4), points, np.zeros((60, 1)), curvature * points + slope
+        )
+        algorithm.setDimension(2)
+        algorithm.setBootstrapSize(300)
+        algorithm.run()
+        result = algorithm.getResult()
+        for name, interval, expected in (
+            ("eigenvalues", result.getEigenvaluesInterval(0.9), truth),
+            ("scores", result.getActivityScoresInterval(0.9), first),
+            ("bound", result.getErrorBoundInterval(0.9), [math.sqrt(truth[2:].sum())]),
+        ):
+            lower, upper = np.array(interval.getLowerBound()), np.array(interval.getUpperBound())
+            inside[name].append(((lower <= expected) & (expected <= upper))[:2].mean())
+        distance = result.compareDirections(np.linalg.eigh(matrix)[1][:, -2:])
+        inside["distance"].append(distance <= result.getSubspaceErrorInterval(0.9).getUpperBound()[1])
+    # Three standard errors of 100 binomial trials are 0.09; the upper band alone leaves 5 % out.
+    for name, hits in inside.items():
+        assert abs(np.mean(hits) - (0.95 if name == "distance" else 0.9)) < 0.09, (name, np.mean(hits))
