@@ -364,15 +364,28 @@ def _simulate(options):
                 {name: (_or_nan(document["quantities"][name]), q.unit, q.description) for name, q in table.items()}
             )
         )
-        names = _spring_names(case.separation)
-        for name, time in zip(names, document["release_times"], strict=True):
-            if time is not None or document["status"] != "OK":
-                console.print(f"{name} released at {1e3 * _or_nan(time):.6f} ms")
-            else:
-                console.print(f"{name} has failed")
+        for line in _accounts(case.separation, document):
+            console.print(line)
         if document["at_last_release"] and options.at:
             console.print(_motions(document))
     return _report_status(document["status"], document["message"])
+
+
+def _accounts(separation, document):
+    """What each spring did, and how well the run keeps energy and angular momentum."""
+    energy, momentum = document["energy"], document["angular_momentum"]
+    for i, (name, time) in enumerate(zip(_spring_names(separation), document["release_times"], strict=True)):
+        if time is None and document["status"] == "OK":
+            yield f"{name} has failed"
+        else:
+            work = f", work {energy['spring_work'][i]:.6g} J" if energy else ""
+            yield f"{name} released at {1e3 * _or_nan(time):.6f} ms{work}"
+    if energy and momentum:
+        gravity = "" if separation.orbit is None else " (gravity has a small part in both)"
+        yield (
+            f"Kinetic energy gained {energy['gained']:.9g} J, {energy['error']:.1e} J beside the work of the springs; "
+            f"angular momentum changed by {momentum['change']:.1e} N m s{gravity}"
+        )
 
 
 def _spring_names(separation):

@@ -84,6 +84,9 @@ def test_simulate_in_words(capsys):
     out = capsys.readouterr().out
     assert "0.59791" in out
     assert "spring 4 released at 85.381" in out
+    # K L (xi - L / 2) of one spring; gravity adds a part in ten million.
+    assert out.count("work 4.125 J") == 4
+    assert "Kinetic energy gained 16.49" in out
 
 
 def test_simulate_as_json(tmp_path, capsys):
@@ -420,6 +423,7 @@ def test_check_and_simulate_tell_every_effect(tmp_path, capsys):
         "spring 2 released at",
         "umbilical connector 1 released",
         "pins of connector 1",
+        "work -0.0004",
     ):
         assert words in out, words
 
