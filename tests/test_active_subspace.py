@@ -1,5 +1,6 @@
 """Active subspaces against closed forms, brute force, and the cases in which others fail."""
 
+import itertools
 import math
 import pickle
 import time
@@ -386,7 +387,16 @@ def test_sufficient_summary_in_one_and_two_dimensions():
     )
     assert len(one.drawSufficientSummary().getDrawables()) == 4
     two = result_of(ot.SymbolicFunction(["a", "b", "c"], ["a * b + c"]), ot.Normal(3), setDimension=2)
-    assert isinstance(two.drawSufficientSummary(), ot.Graph)
+    drawables = list(two.drawSufficientSummary().getDrawables())
+    assert drawables[0].getImplementation().getClassName() == "Contour"
+    # Every run is a point of one of the colours, and steeper colours are larger outputs.
+    clouds = [np.array(drawable.getData()) for drawable in drawables[1:]]
+    shown = np.concatenate(clouds)
+    active, outputs = np.array(two.getActiveSample()), np.array(two.getOutputSample())[:, 0]
+    assert sorted(map(tuple, shown)) == sorted(map(tuple, active))
+    output_of = dict(zip(map(tuple, active), outputs, strict=True))
+    levels = [[output_of[tuple(point)] for point in cloud] for cloud in clouds]
+    assert all(max(low) <= min(high) for low, high in itertools.pairwise(levels))
     with pytest.raises(ValueError, match="output must be 0 to 0"):
         two.drawSufficientSummary(output=1)
 
@@ -421,3 +431,26 @@ def test_intervals_cover_at_their_level():
     # Three standard errors of 100 binomial trials are 0.09; the upper band alone leaves 5 % out.
     for name, hits in inside.items():
         assert abs(np.mean(hits) - (0.95 if name == "distance" else 0.9)) < 0.09, (name, np.mean(hits))
+
+
+def test_eigenvalues_that_are_rounding_are_not_drawn():
+    graph = result_of(ot.SymbolicFunction(["a", "b", "c"], ["exp(a) + b^2"]), ot.Normal(3)).drawEigenvalues()
+    assert graph.getTitle() == "Eigenvalues with bootstrap band, 1 of 3 are 0"
+    assert graph.getLogScale() == ot.GraphImplementation.LOGY
+    for drawable in graph.getDrawables():
+        assert np.array(drawable.getData()).shape == (2, 2)
+    constant = result_of(ot.SymbolicFunction(["a", "b"], ["3"]), ot.Normal(2)).drawEigenvalues()
+    assert constant.getLogScale() == ot.GraphImplementation.NONE
+
+
+def test_scores_are_drawn_largest_first_with_their_names():
+    names = ["small", "large", "middle"]
+    function = ot.SymbolicFunction(names, ["0.1 * small + 3 * large + middle"])
+    law = ot.Normal(3)
+    law.setDescription(names)
+    graph = result_of(function, law).drawActivityScores()
+    assert graph.getTitle() == "Activity scores, largest: large, middle, small"
+    bars = [d for d in graph.getDrawables() if d.getImplementation().getClassName() == "Polygon"]
+    assert [np.array(bar.getData())[:, 1].max() for bar in bars] == pytest.approx([9.0, 1.0, 0.01])
+    text = graph.getDrawables()[-1]
+    assert list(text.getTextAnnotations()) == ["large", "middle", "small"]

@@ -389,20 +389,16 @@ class ActiveSubspaceResult:
     def drawEigenvalues(self, level=0.95):
         """Eigenvalues on a logarithmic scale with their bootstrap band, :py:class:`openturns.Graph`."""
         _checkLevel(level)
-        number = min(self._resolved, len(self._eigenvalues))
-        # A zero has no logarithm: it is drawn at the rounding level of the largest.
-        floor = max((len(self._eigenvalues) * np.finfo(float).eps) ** 2 * self._eigenvalues[0], np.finfo(float).tiny)
-        graph = ot.Graph(
-            "Eigenvalues with bootstrap band",
-            "number",
-            "eigenvalue",
-            True,
-            "upper right",
-            1.0,
-            ot.GraphImplementation.LOGY,
-        )
+        # Below there is rounding only, which has no place on a logarithmic scale.
+        floor = (len(self._eigenvalues) * np.finfo(float).eps) ** 2 * self._eigenvalues[0]
+        number = max(1, int((self._eigenvalues[: self._resolved] > floor).sum()))
+        left = len(self._eigenvalues) - number
+        title = "Eigenvalues with bootstrap band" + (f", {left} of {number + left} are 0" if left else "")
+        graph = ot.Graph(title, "number", "eigenvalue", True, "upper right")
+        if self._eigenvalues[0] > 0.0:
+            graph.setLogScale(ot.GraphImplementation.LOGY)
         lower, upper = (np.maximum(band[:number], floor) for band in self._eigenvalueBands(level))
-        _add_band(graph, np.maximum(self._eigenvalues[:number], floor), lower, upper, level)
+        _add_band(graph, self._eigenvalues[:number], lower, upper, level)
         return graph
 
     def drawSubspaceError(self, level=0.95):
@@ -440,7 +436,10 @@ class ActiveSubspaceResult:
             whisker = ot.Curve([position + 1.0] * 2, [lower[i], upper[i]])
             whisker.setColor("black")
             graph.add(whisker)
-        labels = ot.Text([[k + 1.0, 0.0] for k in range(len(order))], [names[i] for i in order], "bottom")
+        # Above the whiskers, where nothing is in the way; the axis itself carries numbers only.
+        gap = 0.02 * max(upper.max(), scores.max())
+        tops = [[k + 1.0, max(upper[i], scores[i]) + gap] for k, i in enumerate(order)]
+        labels = ot.Text(tops, [names[i] for i in order], "top")
         labels.setColor("black")
         labels.setRotation(90)
         graph.add(labels)
@@ -480,8 +479,11 @@ def _add_band(graph, middle, lower, upper, level):
     number = np.arange(1.0, len(middle) + 1.0)
     curve = ot.Curve(number, middle)
     curve.setColor("steelblue")
-    curve.setPointStyle("fcircle")
     graph.add(curve)
+    points = ot.Cloud(number, middle)
+    points.setColor("steelblue")
+    points.setPointStyle("fcircle")
+    graph.add(points)
     for place, bound in enumerate((lower, upper)):
         edge = ot.Curve(number, bound)
         edge.setLineStyle("dashed")

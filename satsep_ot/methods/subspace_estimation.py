@@ -7,7 +7,7 @@ from scipy import linalg
 # Below this many rows for each input, a bootstrap replicate may span less than the whole sample.
 ROWS_FOR_CHOLESKY = 4
 # A quantile below this share of the estimate is that of replicates with too few different rows to resolve it.
-LEAST_REFLECTED = 1e-4
+LEAST_REFLECTED = 1e-2
 
 
 def orient(directions: np.ndarray) -> np.ndarray:
