@@ -86,6 +86,14 @@ def test_every_call_is_counted_and_the_answer_is_right(method, gradient):
         assert (row.lower95, row.upper95, row.coefficient_of_variation) == (None, None, None)
 
 
+def test_lines_find_a_limit_state_at_a_whole_distance():
+    # OpenTURNS' root search steps by 1 and loses a root that a step hits.
+    problem = getBenchmarkProblem("RP107")
+    row = run(problem.getEvent(), [c.ActiveLineSampling()]).getRows()[0]
+    assert row.probability == pytest.approx(problem.getProbability(), rel=1e-6)
+    assert row.evaluations < 500
+
+
 def test_finite_difference_steps_follow_the_spread_of_the_inputs():
     # OpenTURNS' own absolute step of 1e-5 spans thousands of these standard deviations.
     recorder = Recorder(gradient=False, scale=1e-9)

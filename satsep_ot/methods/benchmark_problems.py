@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import openturns as ot
 
-__all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblems"]
+__all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblemNames", "getBenchmarkProblems"]
 
 
 class BenchmarkProblem:
@@ -429,6 +429,18 @@ def getBenchmarkProblem(name: str) -> BenchmarkProblem:
     if name not in _FACTORIES:
         raise ValueError(f"no benchmark problem is called {name!r}; there are {', '.join(_FACTORIES)}")
     return _FACTORIES[name]()
+
+
+def getBenchmarkProblemNames() -> list[str]:
+    """Names of all benchmark problems.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblemNames
+    >>> getBenchmarkProblemNames()[:3]
+    ['P1', 'P2', 'P3']
+    """
+    return list(_FACTORIES)
 
 
 def getBenchmarkProblems() -> list[BenchmarkProblem]:

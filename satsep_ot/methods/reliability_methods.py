@@ -18,6 +18,10 @@ from satsep_ot.methods.reliability_result import clopperPearson
 from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.variable_projection import fit_ridge
 
+# Along lines through standard space: how far a limit state is looked for, and in steps of which size.
+_LARGEST_DISTANCE = 9.0
+_ROOT_STEP = 0.9871
+
 
 class Counter:
     """Numbers of evaluations and gradients, kept outside of the functions that OpenTURNS copies."""
@@ -681,7 +685,9 @@ class LineSampling(SimulationMethod):
         return result.getStandardSpaceDesignPoint()
 
     def build(self, problem):
-        algorithm = otexp.LineSampling(problem.event, self.direction(problem))
+        # With OpenTURNS' own step of 1 a limit state at a whole distance is lost on half of the lines.
+        roots = ot.SafeAndSlow(ot.Brent(), _LARGEST_DISTANCE, _ROOT_STEP)
+        algorithm = otexp.LineSampling(problem.event, self.direction(problem), roots)
         # The adaptive direction jumps to whichever failure comes nearest, and the estimate with it.
         algorithm.setAdaptiveImportantDirection(False)
         return _limited(algorithm, self.targetCoefficientOfVariation, self.maximumLines, block=10)
