@@ -167,6 +167,11 @@ def test_links_lead_somewhere(page):
             assert (page.parent / target).exists(), f"{page.name} links to {target}, which does not exist"
 
 
+def test_the_page_on_benchmarks_names_every_script():
+    text = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    assert [path.name for path in (ROOT / "tests" / "benchmarks").glob("*.py") if path.name not in text] == []
+
+
 def test_the_page_on_case_files_names_every_key_and_quantity():
     text = (ROOT / "docs" / "case-files.md").read_text(encoding="utf-8")
     keys = [key for table in case._TABLE_KEYS.values() for key in table]

@@ -17,6 +17,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.methods.active_dimension import energy_dimension
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
@@ -459,14 +460,18 @@ class SeparationStudy:
         """Sentences on what the numbers rest on, for this case."""
         case = self._problem.getCase()
         separation = case.separation
-        line = separation.force_line.name.lower()
         gravity = "Without gravity."
         if separation.orbit is not None:
             torque = "with" if separation.gradient_torque else "without"
             gravity = f"With the difference of gravity between the bodies, {torque} the gravity-gradient torque."
-        push = "along an axis fixed in the platform" if line == "guided" else "along the line between its seats"
+        push = {
+            ForceLine.GUIDED: "along an axis fixed in the platform",
+            ForceLine.STRUT: "along the line between its seats",
+            ForceLine.NORMAL: "as a foot, square to the satellite's plate",
+        }[separation.force_line]
+        line = {ForceLine.GUIDED: "guided", ForceLine.STRUT: "struts", ForceLine.NORMAL: "feet"}[separation.force_line]
         return [
-            "Both bodies are rigid; the platform and the satellite touch nothing but the springs after the command.",
+            "Both bodies are rigid; after the command they touch nothing but the springs and connectors of the case.",
             f"The springs are {line}: each pushes {push}, without mass or friction of its own unless the case says so, "
             "and lets go once and for all at the end of its stroke.",
             gravity,
