@@ -17,7 +17,7 @@ import openturns as ot
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
-from satsep_ot.dynamics.relative_orbit import Recontact, check_orbit
+from satsep_ot.dynamics.relative_orbit import Recontact, check_orbit, stack_orbit
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, quaternion_from_matrix, rotation_matrix
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs, umbilical
 from satsep_ot.dynamics.springs import ForceLine
@@ -453,9 +453,13 @@ def _separation(root, tables):
         horizon=root.number("horizon", "s", Separation.horizon, "positive", below=1e3),
     )
     try:
-        return Separation(**arguments)
+        separation = Separation(**arguments)
+        if separation.recontact is not None:
+            # The CG of the stack may be on another orbit than the platform's.
+            check_orbit(stack_orbit(separation))
     except ValueError as error:
         raise CaseError(f"{root.file}: {error}") from error
+    return separation
 
 
 def _body(table):
