@@ -91,8 +91,9 @@ def test_vector_output_is_weighted_by_variance():
 
 def test_bootstrap_equals_brute_force():
     random = np.random.default_rng(3)
-    for count in (6, 30, 100):  # fewer rows than inputs, the direct way, the way through the triangle
-        gradients = random.standard_normal((count, 8, 1)) * np.linspace(1.0, 0.1, 8)[:, None]
+    # Fewer rows than inputs, the direct way, the way through the triangle, and two outputs of a point together.
+    for count, outputs in ((6, 1), (30, 1), (100, 1), (20, 2), (60, 2)):
+        gradients = random.standard_normal((count, 8, outputs)) * np.linspace(1.0, 0.1, 8)[:, None]
         weights = random.uniform(0.1, 1.0, count)
         counts, eigenvalues, vectors = bootstrap_subspace(gradients, 20, 3, weights=weights)
         assert (counts.sum(axis=1) == count).all()
