@@ -15,7 +15,8 @@ from satsep_ot.dynamics.rotations import rotation_matrix_elements
 from satsep_ot.dynamics.simulation import trajectory
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 
-_NODES = 16  # of the quadrature between two events
+_NODES = 16  # of a quadrature
+_PIECES = 8  # of the time between two events: the force bends at the knots of a table
 
 
 def kinetic_energy(separation, states):
@@ -131,7 +132,7 @@ def spring_strokes(separation, states):
 
 
 def spring_work(separation, start, end):
-    """The work of each spring between two strokes, the integral of its force.
+    """The work of each spring between two strokes, the integral of its force, by Gauss quadrature.
 
     Parameters
     ----------
@@ -155,13 +156,15 @@ def spring_work(separation, start, end):
     [4.125 4.125 4.125 4.125]
     """
     springs, start, end = separation.springs, np.asarray(start, dtype=float), np.asarray(end, dtype=float)
-    work = springs.stiffness * (end - start) * (springs.deformation - 0.5 * (start + end))
-    for i, table in enumerate(springs.tables):
-        if springs.laws[i] == ForceLaw.TABLE:
-            work[i] = PchipInterpolator(table[:, 0], table[:, 1]).integrate(start[i], end[i])
-        elif springs.laws[i] == ForceLaw.FRICTION:
-            work[i] = start[i] - end[i]
-    return np.where(springs.scale > 0.0, springs.scale * work, 0.0)
+    nodes, weights = legendre.leggauss(_NODES)
+    work = np.zeros(len(springs))
+    for i in np.flatnonzero(springs.scale > 0.0):
+        low, high = sorted((start[i], end[i]))
+        knots = np.empty(0) if springs.tables[i] is None else springs.tables[i][:, 0]
+        for a, b in pairwise([low, *knots[(low < knots) & (knots < high)], high]):
+            forces = _force(springs, i, 0.5 * (a + b + (b - a) * nodes))
+            work[i] += np.sign(end[i] - start[i]) * 0.5 * (b - a) * (weights @ forces)
+    return work
 
 
 def push_starts(separation):
@@ -232,7 +235,8 @@ def guide_loss(separation, releases, tolerance=1e-8):
         np.linalg.inv(legendre.legvander(nodes, _NODES - 1))
     )
     events = np.unique([*starts[np.isfinite(starts)], *np.asarray(releases)[np.isfinite(releases)]])
-    for start, end in pairwise(events):
+    ends = np.concatenate([np.linspace(start, end, _PIECES, endpoint=False) for start, end in pairwise(events)])
+    for start, end in pairwise([*ends, events[-1]]):
         states = trajectory(separation, 0.5 * (start + end + (end - start) * nodes), tolerance=tolerance).states
         strokes = spring_strokes(separation, states)
         plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (_NODES, 1)))
@@ -245,13 +249,13 @@ def guide_loss(separation, releases, tolerance=1e-8):
 
 
 def _force(springs, i, strokes):
-    """Force of spring i [N] at some strokes, with its scale."""
-    if springs.laws[i] == ForceLaw.TABLE:
-        table = springs.tables[i]
-        return springs.scale[i] * PchipInterpolator(table[:, 0], table[:, 1])(strokes)
-    if springs.laws[i] == ForceLaw.FRICTION:
-        return np.full(strokes.shape, -springs.scale[i])
-    return springs.scale[i] * springs.stiffness[i] * (springs.deformation[i] - strokes)
+    """Force of spring i [N] at some strokes, with its scale: the laws of `satsep_ot.dynamics.springs` once more."""
+    forces = {
+        ForceLaw.LINEAR: lambda: springs.stiffness[i] * (springs.deformation[i] - strokes),
+        ForceLaw.TABLE: lambda: PchipInterpolator(*springs.tables[i].T)(strokes),
+        ForceLaw.FRICTION: lambda: np.full(strokes.shape, -1.0),
+    }
+    return springs.scale[i] * forces[springs.laws[i]]()
 
 
 def _guides(springs):
