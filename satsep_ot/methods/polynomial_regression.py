@@ -197,9 +197,7 @@ class MultivariatePolynomialRegression:
         scale = self._points.std(axis=0)
         # An input that does not vary is found by the rank, with its own message.
         scale[scale == 0.0] = 1.0
-        return ot.JointDistribution(
-            [ot.Normal(float(m), float(s)) for m, s in zip(self._points.mean(axis=0), scale, strict=True)]
-        )
+        return ot.Distribution(ot.Normal(self._points.mean(axis=0), scale, ot.CorrelationMatrix(len(scale))))
 
     def _reduction(self):
         law = self._law()
