@@ -270,9 +270,55 @@ def test_values_that_are_not_finite_raise_or_are_counted():
     assert failure.getProbabilityEstimate() > 10.0 * safe.getProbabilityEstimate()
 
 
-def test_non_finite_threshold_is_refused():
+def test_runs_that_are_never_finite_keep_the_bound_of_their_policy():
+    broken = event(lambda u: np.full(len(u), np.nan))
+    for policy, probability in (("failure", 1.0), ("safe", 0.0)):
+        algorithm = ActiveSubspaceReliability(broken)
+        algorithm.setNonFinitePolicy(policy)
+        algorithm.run()
+        result = algorithm.getResult()
+        assert result.getProbabilityEstimate() == probability
+        assert result.getDiagnostics()["not finite"] == result.getEvaluationNumber()
+        interval = result.getConfidenceInterval()
+        assert interval.getUpperBound()[0] - interval.getLowerBound()[0] > 0.05
+        assert not result.getConverged()
+
+
+def test_all_runs_failed_and_a_frequent_event():
+    for threshold in (-8.0, 0.3):
+        algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0], operator=ot.Greater(), threshold=threshold))
+        algorithm.run()
+        interval = algorithm.getResult().getConfidenceInterval(0.999)
+        assert interval.getLowerBound()[0] <= ot.DistFunc.pNormal(-threshold) <= interval.getUpperBound()[0]
+        assert interval.getUpperBound()[0] > interval.getLowerBound()[0]
+
+
+def test_a_single_input():
+    algorithm = ActiveSubspaceReliability(event(lambda u: np.exp(u[:, 0]), 1, ot.Greater(), math.exp(3.0)))
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getConverged()
+    assert result.getProbabilityEstimate() == pytest.approx(ot.DistFunc.pNormal(-3.0), rel=0.1)
+
+
+def test_correlated_inputs_go_through_their_transformation():
+    distribution = ot.JointDistribution(
+        [ot.Gumbel(1.0, 2.0), ot.Normal(5.0, 3.0)], ot.NormalCopula(ot.CorrelationMatrix([[1.0, 0.7], [0.7, 1.0]]))
+    )
+    algorithm = ActiveSubspaceReliability(event(lambda x: x.sum(axis=1), 2, ot.Greater(), 22.0, distribution))
+    algorithm.run()
+    result = algorithm.getResult()
+    failures = np.count_nonzero(np.array(distribution.getSample(200_000)).sum(axis=1) > 22.0)
+    lower, upper = clopperPearson(failures, 200_000, 0.999)
+    interval = result.getConfidenceInterval(0.999)
+    assert interval.getLowerBound()[0] < upper
+    assert interval.getUpperBound()[0] > lower
+
+
+@pytest.mark.parametrize("threshold", [math.inf, -math.inf, math.nan])
+def test_non_finite_threshold_is_refused(threshold):
     with pytest.raises(ValueError, match="threshold"):
-        ActiveSubspaceReliability(event(lambda u: u[:, 0], threshold=math.inf)).run()
+        ActiveSubspaceReliability(event(lambda u: u[:, 0], threshold=threshold)).run()
 
 
 def test_a_function_that_raises_in_the_middle_leaves_its_runs():
@@ -333,6 +379,7 @@ def test_inputs_without_a_normal_standard_space_are_refused():
     for distribution in (
         ot.JointDistribution([ot.Normal(), ot.Bernoulli(0.5)]),
         ot.Student(3.0, [0.0] * 2, [1.0] * 2, ot.CorrelationMatrix(2)),
+        ot.JointDistribution([ot.Normal(), ot.Normal()], ot.StudentCopula(3.0, ot.CorrelationMatrix(2))),
     ):
         with pytest.raises(ValueError, match="standard"):
             ActiveSubspaceReliability(event(lambda u: u[:, 0], 2, distribution=distribution)).run()

@@ -346,7 +346,7 @@ class ActiveSubspaceReliability:
                 )
                 return
             self._calibrate(runs)
-            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
+            self._fit(reselect=self._used() >= 2.0 * self._selectedAt)
             # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
             # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
             refitted = self._propose() or self._propose()

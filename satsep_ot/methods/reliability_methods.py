@@ -45,7 +45,7 @@ def hasGradient(function: ot.Function) -> bool:
 
 
 def countingFunction(function: ot.Function, counter: Counter, distribution: ot.Distribution) -> ot.Function:
-    """The same function, counting its evaluations and gradients in ``counter``.
+    """The same function, counting its evaluations and gradients in ``counter``; a value that is not finite raises.
 
     A function without a gradient of its own gets centred differences whose steps are 1e-3 standard deviations of each
     input, which are evaluations; OpenTURNS' own step is the same number for all inputs, whatever their size. The
@@ -56,8 +56,17 @@ def countingFunction(function: ot.Function, counter: Counter, distribution: ot.D
 
     # Closures: a copy of the Python function by OpenTURNS shares them, so nothing is counted in a copy and lost.
     def evaluate(sample):
-        values = callFunction(function, np.asarray(sample, dtype=float))
+        points = np.asarray(sample, dtype=float)
+        values = callFunction(function, points)
         counter.evaluations += len(values)
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            # OpenTURNS would take it for no failure, silently.
+            row = int(np.argmin(finite))
+            raise ValueError(
+                f"{np.count_nonzero(~finite)} of {len(values)} values are not finite, the first one is "
+                f"{values[row].tolist()} at input {points[row].tolist()}"
+            )
         return values
 
     def gradient(point):
