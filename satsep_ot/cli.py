@@ -420,16 +420,20 @@ def _study(options):
     case = load_uncertain_case(options.case)
     if options.output.exists() and not options.output.is_dir():
         return _fail(f"{options.output} is not a directory; give another --output", 2)
+    from satsep_ot.methods.standard_space import StandardSpace
     from satsep_ot.model.separation_problem import SeparationProblem
     from satsep_ot.studies.separation_study import SeparationStudy
 
+    problem = SeparationProblem(case)
+    try:
+        StandardSpace(problem.getDistribution())
+    except ValueError as error:
+        return _fail(f"{case.name}: {error}", 2)
     # A directory that cannot be written to is refused before the work, not after it.
     options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=options.output):
         pass
-    study = SeparationStudy(
-        SeparationProblem(case), options.methods, options.seed, options.runs, toleranceSize=options.tolerances
-    )
+    study = SeparationStudy(problem, options.methods, options.seed, options.runs, toleranceSize=options.tolerances)
     try:
         with _progress() as show:
             study.setProgressCallback(show)

@@ -435,3 +435,12 @@ def test_a_first_run_says_why_it_takes_long(capsys):
     with cli._patience(5.0):
         pass
     assert capsys.readouterr().err == ""
+
+
+def test_a_study_of_discrete_inputs_is_refused(tmp_path, capsys):
+    extra = '[inputs]\nworks = { quantity = "springs.scale.2", distribution = "Bernoulli", p = 0.9 }\n'
+    extra += '[[requirements]]\nquantity = "spin"\nmaximum = 1\n'
+    error = refused(["study", small(tmp_path, extra), "--output", str(tmp_path / "results")], capsys)
+    assert "needs continuous inputs, but works [1] (Bernoulli) has atoms" in error
+    assert "condition on its values" in error
+    assert not (tmp_path / "results").exists()
