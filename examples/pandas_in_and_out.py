@@ -3,7 +3,8 @@ pandas in, pandas out
 =====================
 
 Measured inputs come as a table, results leave as one. A data frame with a column for each input goes through the
-function and comes back with a column for each quantity; units stay in the names.
+function and comes back with a column for each quantity; units stay in the names. It needs pandas, which the
+package itself does not: ``pip install pandas``.
 """
 
 import numpy as np
