@@ -303,3 +303,24 @@ def test_a_straight_way_along_plane_walls():
     assert outcome.quantity("clearance")[0] == pytest.approx(1e3 * smallest, abs=1e-6)
     for i, expected in enumerate(at_exit, start=1):
         assert outcome.quantity(f"exit_clearance_{i}")[0] == pytest.approx(1e3 * expected, abs=1e-6)
+
+
+def test_a_corner_that_swings_past_a_wall():
+    """A spinning satellite: a point at the radius r is nearest to a wall at the distance h when it faces it, h - r.
+
+    The smallest clearance lies inside the stay, neither at its start nor at the exit.
+    """
+    start = np.radians([20.0, -20.0])
+    points = 0.3 * np.stack([np.cos(start), [0.0, 0.0], np.sin(start)], axis=1)
+    separation = symmetric_separation(
+        envelope=points, recess_depth=0.25, recess_planes=[[-1.0, 0.0, 0.0, -0.4]], angular_impulse=[0.0, 9.0, 0.0]
+    )
+    outcome = simulate(separation)
+    rate = 9.0 * (1.0 / 8.0 + 1.0 / 600.0)
+    assert outcome.quantity("rate_y")[0] == pytest.approx(np.degrees(9.0 / 8.0), rel=1e-9)
+    assert outcome.quantity("clearance")[0] == pytest.approx(100.0, abs=1e-3)
+    # 0.25 m: the push, and the rest of the way at its final speed.
+    release, speed = outcome.release_times[0, 0], outcome.quantity("axial_velocity")[0]
+    angle = start - rate * (release + (0.25 - 0.03) / speed)
+    for i, expected in enumerate(400.0 - 300.0 * np.cos(angle), start=1):
+        assert outcome.quantity(f"exit_clearance_{i}")[0] == pytest.approx(expected, abs=1e-3)
