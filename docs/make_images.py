@@ -3,6 +3,7 @@
 python docs/make_images.py [DIRECTORY] [RUNS]
 """
 
+import re
 import sys
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies import figures
 
 BLOCK = 100_000
+AGREEMENT = Path(__file__).parent.parent / "tests" / "benchmarks" / "truth_agreement.txt"
 COMPONENTS = {"axial_velocity": "m/s", "rate_x": "deg/s", "rate_y": "deg/s", "exit_clearance_1": "mm"}
 
 
@@ -100,6 +102,31 @@ def component_figures(distribution, sample):
     )
 
 
+def agreement_figure(text):
+    """Errors of the simulator against the 128-bit solutions, case by case, from what truth_agreement.py printed."""
+    ax = Figure(figsize=(9.2, 5.6), layout="constrained").add_subplot()
+    tables = re.findall(r"^Relative error at tolerance (\S+),.*\n(case .*)\n((?:.+\n)+?)worst", text, re.MULTILINE)
+    names = []
+    for (tolerance, _, body), face in zip(tables, ("white", figures.GREY), strict=True):
+        rows = [line.split() for line in body.splitlines()]
+        names = [f"{name}, {line}" for name, line, *_ in rows]
+        errors = np.array([[float(value) for value in row[2:]] for row in rows])
+        for column, (label, marker) in enumerate(
+            zip(("velocity, position", "rates", "attitude", "release times"), "osD^", strict=True)
+        ):
+            ax.plot(np.maximum(errors[:, column], 1e-17), range(len(rows)), marker, color="black",
+                    markerfacecolor=face, markersize=6, label=f"{label}, tolerance {tolerance}")  # fmt: skip
+    ax.axvline(1e-8, color=figures.ORANGE, linestyle="--", label="limit of the test, 1e-8")
+    ax.set_xscale("log")
+    ax.set_yticks(range(len(names)), names, fontsize=9)
+    ax.set_ylim(len(names) - 0.4, -0.6)
+    ax.set_xlabel("relative error", fontsize=figures.FONT_SIZE)
+    ax.grid(True, color="0.88", linewidth=0.8)
+    ax.set_axisbelow(True)
+    ax.figure.legend(fontsize=9, loc="outside right upper")
+    return ax.figure
+
+
 def main(directory, runs):
     """Write every picture."""
     ot.RandomGenerator.SetSeed(0)
@@ -120,6 +147,7 @@ def main(directory, runs):
         "sufficient_summary": summaries,
         "densities": densities,
         "separation": figures.separation_figure(case.separation, scattered),
+        "agreement": agreement_figure(AGREEMENT.read_text(encoding="utf-8")),
     }
     for name, figure in pictures.items():
         figures.save_figure(figure, directory / f"{name}.png")

@@ -1,4 +1,8 @@
-"""Active subspace and polynomial regression of a plain OpenTURNS function: the flow through a borehole.
+"""
+Active subspace of a borehole
+=============================
+
+Active subspace and polynomial regression of a plain OpenTURNS function: the flow through a borehole.
 
 Function and distributions: Morris, Mitchell, Ylvisaker, "Bayesian design and analysis of computer experiments: use of
 derivatives in surface prediction", Technometrics 35 (1993). Eight inputs, one direction that matters.

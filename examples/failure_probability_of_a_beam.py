@@ -1,4 +1,8 @@
-"""Failure probability of a plain OpenTURNS function by ActiveSubspaceReliability: the deflection of a cantilever beam.
+"""
+Failure probability of a beam
+=============================
+
+Failure probability of a plain OpenTURNS function by ActiveSubspaceReliability: the deflection of a cantilever beam.
 
 The beam is that of OpenTURNS' own use cases; Monte Carlo stands beside it to check.
 """

@@ -1,4 +1,8 @@
-"""Our function in someone's FORM script: nothing but OpenTURNS from the second import on.
+"""
+FORM on the separation function
+===============================
+
+Our function in someone's FORM script: nothing but OpenTURNS from the second import on.
 
 The event is not one of the case: a separation that is too fast for the satellite's sensors.
 """

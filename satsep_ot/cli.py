@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 import tempfile
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -159,6 +160,33 @@ def _parser():
     )  # fmt: skip
     study.add_argument("--json", action="store_true", help="print what is in results.json instead of tables")
 
+    benchmark = command(
+        "benchmark",
+        _benchmark,
+        "compare reliability methods where the probability is known",
+        "  satsep-ot benchmark --problems P1 RP8 --methods ActiveSubspace SubsetSampling --repetitions 20\n"
+        "  satsep-ot benchmark --problems published\n"
+        "  satsep-ot benchmark --problems reference --output results\n\n"
+        "Every repetition is kept in DIR/runs.jsonl; the same command continues after an interruption.",
+    )
+    benchmark.add_argument(
+        "--problems", nargs="+", default=["P1", "P2", "P3", "P4", "P5"], metavar="PROBLEM",
+        help="names of problems, published (all of these) or reference (all requirements of the reference case); an "
+        "unknown name lists them (default: P1 to P5)",
+    )  # fmt: skip
+    benchmark.add_argument(
+        "--methods", nargs="+", metavar="METHOD", help="which methods; an unknown name lists them (default: all)"
+    )
+    benchmark.add_argument(
+        "--repetitions", type=_repetitions, default=10, metavar="N", help="of each method and problem (default: 10)"
+    )
+    benchmark.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the first repetition (default: 0)")
+    benchmark.add_argument(
+        "--output", type=Path, default=Path("satsep-benchmark"), metavar="DIR",
+        help="where to write, and to continue from (default: satsep-benchmark)",
+    )  # fmt: skip
+    benchmark.add_argument("--json", action="store_true", help="print JSON instead of a table")
+
     report = command(
         "report",
         _report,
@@ -171,6 +199,10 @@ def _parser():
 
 def _positive(text):
     return _whole(text, 1, 10**9)
+
+
+def _repetitions(text):
+    return _whole(text, 1, 100_000)
 
 
 def _count(text):
@@ -232,6 +264,7 @@ def _new(options):
 def _check(options):
     from satsep_ot.dynamics.separation import Status
     from satsep_ot.model.case import load_case
+    from satsep_ot.model.inputs import umbilical_springs
     from satsep_ot.model.plausibility import implausibilities
 
     case = load_case(options.case)
@@ -245,6 +278,8 @@ def _check(options):
     console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
     console.print(_bodies(separation))
     console.print(_springs(separation))
+    if umbilical_springs(separation):
+        console.print(_umbilicals(separation))
     for line in _conditions(separation):
         console.print(line)
     console.print(_inputs(case.inputs))
@@ -316,7 +351,8 @@ def _simulate(options):
     from satsep_ot.model.run_document import run_document
 
     case = load_case(options.case)
-    document = run_document(case, options.at, options.tolerance)
+    with _patience():
+        document = run_document(case, options.at, options.tolerance)
     if options.json:
         print(json.dumps(document, indent=2, allow_nan=False))
     else:
@@ -328,11 +364,38 @@ def _simulate(options):
                 {name: (_or_nan(document["quantities"][name]), q.unit, q.description) for name, q in table.items()}
             )
         )
-        for number, time in enumerate(document["release_times"], start=1):
-            console.print(f"spring {number} released at {1e3 * _or_nan(time):.6f} ms")
+        for line in _accounts(case.separation, document):
+            console.print(line)
         if document["at_last_release"] and options.at:
             console.print(_motions(document))
     return _report_status(document["status"], document["message"])
+
+
+def _accounts(separation, document):
+    """What each spring did, and how well the run keeps energy and angular momentum."""
+    energy, momentum = document["energy"], document["angular_momentum"]
+    for i, (name, time) in enumerate(zip(_spring_names(separation), document["release_times"], strict=True)):
+        if time is None and document["status"] == "OK":
+            yield f"{name} has failed"
+        else:
+            work = f", work {energy['spring_work'][i]:.6g} J" if energy else ""
+            yield f"{name} released at {1e3 * _or_nan(time):.6f} ms{work}"
+    if energy and momentum:
+        gravity = "" if separation.orbit is None else " (gravity has a small part in both)"
+        yield (
+            f"Kinetic energy gained {energy['gained']:.9g} J, {energy['error']:.1e} J beside the work of the springs; "
+            f"angular momentum changed by {momentum['change']:.1e} N m s{gravity}"
+        )
+
+
+def _spring_names(separation):
+    """What a person calls each spring; the last ones may be those of umbilical connectors."""
+    from satsep_ot.model.inputs import umbilical_springs
+
+    names = [f"spring {number}" for number in range(1, len(separation.springs) + 1)]
+    for number, i in enumerate(umbilical_springs(separation), start=1):
+        names[i : i + 2] = [f"umbilical connector {number}", f"pins of connector {number}"]
+    return names
 
 
 def _or_nan(value):
@@ -357,16 +420,20 @@ def _study(options):
     case = load_uncertain_case(options.case)
     if options.output.exists() and not options.output.is_dir():
         return _fail(f"{options.output} is not a directory; give another --output", 2)
+    from satsep_ot.methods.standard_space import StandardSpace
     from satsep_ot.model.separation_problem import SeparationProblem
     from satsep_ot.studies.separation_study import SeparationStudy
 
+    problem = SeparationProblem(case)
+    try:
+        StandardSpace(problem.getDistribution())
+    except ValueError as error:
+        return _fail(f"{case.name}: {error}", 2)
     # A directory that cannot be written to is refused before the work, not after it.
     options.output.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryFile(dir=options.output):
         pass
-    study = SeparationStudy(
-        SeparationProblem(case), options.methods, options.seed, options.runs, toleranceSize=options.tolerances
-    )
+    study = SeparationStudy(problem, options.methods, options.seed, options.runs, toleranceSize=options.tolerances)
     try:
         with _progress() as show:
             study.setProgressCallback(show)
@@ -409,6 +476,7 @@ def _print_study(name, study, verdicts, paths):
             console.print(
                 f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
                 f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
+                + ("" if row["converged"] else ", not converged")
             )
     # Not through the console, which would fold a long path.
     print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")
@@ -422,6 +490,33 @@ def _report(options):
     except ReportError as error:
         return _fail(error, 2)
     print(f"{path} written: open it in a browser")
+    return 0
+
+
+def _benchmark(options):
+    from satsep_ot.methods.reliability_benchmark import ReliabilityBenchmark
+    from satsep_ot.studies.method_benchmark import benchmark_tasks, save_benchmark
+
+    if options.output.exists() and not options.output.is_dir():
+        return _fail(f"{options.output} is not a directory; give another --output", 2)
+    try:
+        tasks = benchmark_tasks(options.problems)
+        benchmark = ReliabilityBenchmark(tasks, options.methods, options.repetitions, options.seed)
+    except ValueError as error:
+        return _fail(error, 2)
+    options.output.mkdir(parents=True, exist_ok=True)
+    benchmark.setFile(options.output / "runs.jsonl")
+    with _progress() as show:
+        benchmark.setProgressCallback(show)
+        benchmark.run()
+    result = benchmark.getResult()
+    paths = save_benchmark(result, options.output)
+    if options.json:
+        print(json.dumps(result.getTable(), indent=2, allow_nan=False))
+        return 0
+    print(result.toText())
+    print(f"\nright on all of these: {', '.join(result.getRightMethods()) or 'none'}")
+    print(f"written to {options.output}: {', '.join(path.name for path in paths)}, runs.jsonl")
     return 0
 
 
@@ -488,12 +583,26 @@ def _study_remarks(rows):
         yield f"  {row['method']}: {text}"
 
 
+@contextmanager
+def _patience(seconds=2.0):
+    """Say why it takes so long where it does: only the first run of all compiles."""
+    text = "compiling the simulator, which the first run of all does once ..."
+    timer = threading.Timer(seconds, lambda: print(text, file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
+
+
 def _nominal_run(case):
     """The outcome of the nominal run, and value, unit and description of each quantity by name."""
     from satsep_ot.dynamics.quantities import quantity_table
     from satsep_ot.dynamics.simulation import simulate
 
-    outcome = simulate(case.separation)
+    with _patience():
+        outcome = simulate(case.separation)
     values = {
         name: (float(quantity.value(outcome.base)[0]), quantity.unit, quantity.description)
         for name, quantity in quantity_table(case.separation).items()
@@ -540,17 +649,44 @@ def _bodies(separation):
 def _springs(separation):
     from math import degrees
 
-    springs = separation.springs
+    from satsep_ot.dynamics.springs import ForceLaw
+    from satsep_ot.model.inputs import umbilical_springs
+
+    springs, connectors = separation.springs, umbilical_springs(separation)
     table = _table(
         f"Springs ({separation.force_line.name.lower()})", ">", ">angle [deg]", ">radius [mm]", ">stiffness [N/m]",
-        ">deformation [mm]", ">stroke [mm]", ">cant [deg]", ">delay [ms]",
+        ">deformation [mm]", ">stroke [mm]", ">cant [deg]", ">delay [ms]", ">scale", "force",
     )  # fmt: skip
     for i in range(len(springs)):
+        if {i, i - 1} & set(connectors):
+            continue
+        force = "failed" if springs.scale[i] == 0.0 else ForceLaw(springs.laws[i]).name.lower()
+        if springs.tables[i] is not None:
+            force += f" of {len(springs.tables[i])} rows, {springs.tables[i][0, 1]:g} to {springs.tables[i][-1, 1]:g} N"
         row = (
             degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i], 1e3 * springs.deformation[i],
-            1e3 * springs.stroke[i], degrees(springs.cant[i]), 1e3 * springs.delay[i],
+            1e3 * springs.stroke[i], degrees(springs.cant[i]), 1e3 * springs.delay[i], springs.scale[i],
         )  # fmt: skip
-        table.add_row(str(i + 1), *(f"{value:g}" for value in row))
+        table.add_row(str(i + 1), *(f"{value:g}" for value in row), force)
+    return table
+
+
+def _umbilicals(separation):
+    from math import degrees
+
+    from satsep_ot.model.inputs import umbilical_springs
+
+    springs = separation.springs
+    table = _table(
+        "Umbilical connectors", ">", ">angle [deg]", ">radius [mm]", ">stiffness [N/m]", ">deformation [mm]",
+        ">stroke [mm]", ">pin friction [N]", ">engagement [mm]",
+    )  # fmt: skip
+    for number, i in enumerate(umbilical_springs(separation), start=1):
+        row = (
+            degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i], 1e3 * springs.deformation[i],
+            1e3 * springs.stroke[i], springs.scale[i + 1], 1e3 * springs.stroke[i + 1],
+        )  # fmt: skip
+        table.add_row(str(number), *(f"{value:g}" for value in row))
     return table
 
 
@@ -561,10 +697,17 @@ def _conditions(separation):
 
     energy = push_energy(separation)
     reduced = 1.0 / (1.0 / separation.platform.mass + 1.0 / separation.satellite.mass)
-    yield f"Spring energy {energy:.6g} J, enough for {sqrt(2.0 * energy / reduced):.6g} m/s"
+    yield f"Spring energy {energy:.6g} J, enough for {sqrt(max(2.0 * energy / reduced, 0.0)):.6g} m/s"
     if separation.stowed_length:
         yield f"Stowed length {1e3 * separation.stowed_length:g} mm"
     yield f"Initial rates {_numbers(map(degrees, separation.rates))} deg/s about the {separation.pivot.name.lower()}"
+    if separation.guide_friction:
+        yield f"Friction coefficient of the guides {separation.guide_friction:g}"
+    if any(separation.impulse) or any(separation.angular_impulse):
+        yield (
+            f"Impulse at the start {_numbers(separation.impulse)} N s at the ring centre, and "
+            f"{_numbers(separation.angular_impulse)} N m s"
+        )
     if any(separation.mounting_error):
         yield f"Mounting error {_numbers(map(degrees, separation.mounting_error))} deg"
     if separation.orbit is None:
@@ -576,13 +719,19 @@ def _conditions(separation):
         yield f"Period {separation.orbit.period / 60.0:.6g} min; J2 {j2} in the coast"
         yield f"Gravity-gradient torque: {torque}"
         yield f"Attitude quaternion {_numbers(separation.attitude)} (w, x, y, z)"
+    if separation.recontact is not None:
+        window = separation.recontact
+        yield f"Re-contact: looked for from {window.start_orbits:g} to {window.end_orbits:g} orbits after the release"
     if separation.envelope is None:
         yield "No envelope: no clearance"
     else:
+        radius = f"radius {1e3 * separation.recess_radius:g} mm and " if separation.recess_radius else ""
         yield (
             f"Envelope of {len(separation.envelope)} points, {len(separation.recess_points())} of them in a recess "
-            f"of radius {1e3 * separation.recess_radius:g} mm and depth {1e3 * separation.recess_depth:g} mm"
+            f"of {radius}depth {1e3 * separation.recess_depth:g} mm"
         )
+        for number, plane in enumerate(separation.recess_planes, start=1):
+            yield f"Plane wall {number}: normal {_numbers(plane[:3])}, offset {1e3 * plane[3]:g} mm"
 
 
 def _inputs(inputs):
@@ -605,7 +754,7 @@ def _inputs(inputs):
 def _quantities(quantities):
     table = _table("Nominal run", "quantity", ">value", "unit", "what")
     for name, (value, unit, description) in quantities.items():
-        table.add_row(name, f"{value:.9g}", unit, description)
+        table.add_row(name, _rounded(value, 9), unit, description)
     return table
 
 
@@ -618,9 +767,14 @@ def _requirements(requirements, quantities):
         verdict = "met" if entry.is_met(value) else "violated"
         allowed = "" if entry.allowed_probability is None else f"{entry.allowed_probability:g}"
         table.add_row(
-            _plain(entry.name), str(entry), f"{value:.6g}", unit, "unknown" if value != value else verdict, allowed
+            _plain(entry.name), str(entry), _rounded(value, 6), unit, "unknown" if value != value else verdict, allowed
         )
     return table
+
+
+def _rounded(value, digits):
+    """A number for people, to whom a rounding error is 0; JSON has all digits."""
+    return "0" if abs(value) < 1e-9 else f"{value:.{digits}g}"
 
 
 def _numbers(values, scale=1.0):

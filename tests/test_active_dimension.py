@@ -53,6 +53,37 @@ def test_one_long_gradient_is_not_a_direction(random):
     assert gap_dimension(gradients) == 0
 
 
+def test_directions_of_a_minority_of_the_points_count(random):
+    # g = a + 2 max(b - 1, 0)^2: at five points of six the gradient is that of a alone, and exactly so.
+    points = random.standard_normal((200, 8))
+    gradients = np.zeros((200, 8, 1))
+    gradients[:, 0, 0] = 1.0
+    gradients[:, 1, 0] = 4.0 * np.maximum(points[:, 1] - 1.0, 0.0)
+    assert gap_dimension(gradients) == 2
+    # A function that is flat at most of the points has the direction of the others.
+    gradients[:, 0] = 0.0
+    assert gap_dimension(gradients) == 1
+    rotation = np.linalg.qr(random.standard_normal((8, 8)))[0]
+    assert gap_dimension(rotation @ gradients) == 1
+
+
+def test_points_of_weight_zero_take_no_part(random):
+    near = gradients_of(np.r_[1.0, np.full(11, 0.01)], 60, random)
+    far = 100.0 * gradients_of(np.ones(12), 90, random)
+    weights = np.r_[np.ones(60), np.zeros(90)]
+    assert gap_dimension(np.concatenate([near, far]), weights=weights) == 1
+
+
+@pytest.mark.parametrize("name", ["one", "two"])
+def test_a_few_steep_points_do_not_decide(random, name):
+    rank, spectrum = SPECTRA[name]
+    found = []
+    for _ in range(10):
+        lengths = np.exp(0.5 * random.standard_normal((40, 1, 1)))
+        found.append(gap_dimension(lengths * gradients_of(spectrum, 40, random)))
+    assert found.count(rank) >= 9, found
+
+
 def test_gap_with_little_data():
     assert gap_dimension(np.ones((1, 5, 1))) == 1
     assert gap_dimension(np.ones((2, 1, 1))) == 1

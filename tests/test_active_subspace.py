@@ -1,5 +1,6 @@
 """Active subspaces against closed forms, brute force, and the cases in which others fail."""
 
+import itertools
 import math
 import pickle
 import time
@@ -90,8 +91,9 @@ def test_vector_output_is_weighted_by_variance():
 
 def test_bootstrap_equals_brute_force():
     random = np.random.default_rng(3)
-    for count in (6, 30, 100):  # fewer rows than inputs, the direct way, the way through the triangle
-        gradients = random.standard_normal((count, 8, 1)) * np.linspace(1.0, 0.1, 8)[:, None]
+    # Fewer rows than inputs, the direct way, the way through the triangle, and two outputs of a point together.
+    for count, outputs in ((6, 1), (30, 1), (100, 1), (20, 2), (60, 2)):
+        gradients = random.standard_normal((count, 8, outputs)) * np.linspace(1.0, 0.1, 8)[:, None]
         weights = random.uniform(0.1, 1.0, count)
         counts, eigenvalues, vectors = bootstrap_subspace(gradients, 20, 3, weights=weights)
         assert (counts.sum(axis=1) == count).all()
@@ -386,6 +388,70 @@ def test_sufficient_summary_in_one_and_two_dimensions():
     )
     assert len(one.drawSufficientSummary().getDrawables()) == 4
     two = result_of(ot.SymbolicFunction(["a", "b", "c"], ["a * b + c"]), ot.Normal(3), setDimension=2)
-    assert isinstance(two.drawSufficientSummary(), ot.Graph)
+    drawables = list(two.drawSufficientSummary().getDrawables())
+    assert drawables[0].getImplementation().getClassName() == "Contour"
+    # Every run is a point of one of the colours, and steeper colours are larger outputs.
+    clouds = [np.array(drawable.getData()) for drawable in drawables[1:]]
+    shown = np.concatenate(clouds)
+    active, outputs = np.array(two.getActiveSample()), np.array(two.getOutputSample())[:, 0]
+    assert sorted(map(tuple, shown)) == sorted(map(tuple, active))
+    output_of = dict(zip(map(tuple, active), outputs, strict=True))
+    levels = [[output_of[tuple(point)] for point in cloud] for cloud in clouds]
+    assert all(max(low) <= min(high) for low, high in itertools.pairwise(levels))
     with pytest.raises(ValueError, match="output must be 0 to 0"):
         two.drawSufficientSummary(output=1)
+
+
+def test_intervals_cover_at_their_level():
+    # g = sum c_i u_i^2 / 2 + l.u has the matrix diag(c^2) + l l^T; bands of plain quantiles hold the third eigenvalue
+    # and the error bound in 80 % only.
+    curvature, slope = np.array([2.0, 1.0, 0.5, 0.25]), np.array([1.0, 0.0, 0.0, 0.2])
+    matrix = np.diag(curvature**2) + np.outer(slope, slope)
+    truth = np.linalg.eigvalsh(matrix)[::-1]
+    first = np.linalg.eigh(matrix)[1][:, -2:] ** 2 @ truth[1::-1]
+    random = np.random.default_rng(6)
+    inside = {"eigenvalues": [], "scores": [], "bound": [], "distance": []}
+    for _ in range(100):
+        points = random.standard_normal((60, 4))
+        algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+            ot.Normal(4), points, np.zeros((60, 1)), curvature * points + slope
+        )
+        algorithm.setDimension(2)
+        algorithm.setBootstrapSize(300)
+        algorithm.run()
+        result = algorithm.getResult()
+        for name, interval, expected in (
+            ("eigenvalues", result.getEigenvaluesInterval(0.9), truth),
+            ("scores", result.getActivityScoresInterval(0.9), first),
+            ("bound", result.getErrorBoundInterval(0.9), [math.sqrt(truth[2:].sum())]),
+        ):
+            lower, upper = np.array(interval.getLowerBound()), np.array(interval.getUpperBound())
+            inside[name].append(((lower <= expected) & (expected <= upper))[:2].mean())
+        distance = result.compareDirections(np.linalg.eigh(matrix)[1][:, -2:])
+        inside["distance"].append(distance <= result.getSubspaceErrorInterval(0.9).getUpperBound()[1])
+    # Three standard errors of 100 binomial trials are 0.09; the upper band alone leaves 5 % out.
+    for name, hits in inside.items():
+        assert abs(np.mean(hits) - (0.95 if name == "distance" else 0.9)) < 0.09, (name, np.mean(hits))
+
+
+def test_eigenvalues_that_are_rounding_are_not_drawn():
+    graph = result_of(ot.SymbolicFunction(["a", "b", "c"], ["exp(a) + b^2"]), ot.Normal(3)).drawEigenvalues()
+    assert graph.getTitle() == "Eigenvalues with bootstrap band, 1 of 3 are 0"
+    assert graph.getLogScale() == ot.GraphImplementation.LOGY
+    for drawable in graph.getDrawables():
+        assert np.array(drawable.getData()).shape == (2, 2)
+    constant = result_of(ot.SymbolicFunction(["a", "b"], ["3"]), ot.Normal(2)).drawEigenvalues()
+    assert constant.getLogScale() == ot.GraphImplementation.NONE
+
+
+def test_scores_are_drawn_largest_first_with_their_names():
+    names = ["small", "large", "middle"]
+    function = ot.SymbolicFunction(names, ["0.1 * small + 3 * large + middle"])
+    law = ot.Normal(3)
+    law.setDescription(names)
+    graph = result_of(function, law).drawActivityScores()
+    assert graph.getTitle() == "Activity scores, largest: large, middle, small"
+    bars = [d for d in graph.getDrawables() if d.getImplementation().getClassName() == "Polygon"]
+    assert [np.array(bar.getData())[:, 1].max() for bar in bars] == pytest.approx([9.0, 1.0, 0.01])
+    text = graph.getDrawables()[-1]
+    assert list(text.getTextAnnotations()) == ["large", "middle", "small"]

@@ -10,6 +10,7 @@ PROBLEMS = {problem.getName(): problem for problem in getBenchmarkProblems()}
 # Published values (Rozsas and Slobbe 2019; Waarts 2000; Papaioannou 2015) beside those that the module computes.
 PUBLISHED = {
     "P2": 6.62e-6,
+    "RP91": 6.97e-4,
     "RP22": 4.207305e-3,
     "RP54": 9.98e-4,
     "RP63": 3.79e-4,
@@ -35,11 +36,11 @@ def test_every_problem_is_an_event_that_its_components_compose(name):
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_computed_references_agree_with_published_ones(name):
-    assert PROBLEMS[name].getProbability() == pytest.approx(PUBLISHED[name], rel=0.02)
+    assert PROBLEMS[name].getProbability() == pytest.approx(PUBLISHED[name], rel=0.05 if name == "RP91" else 0.02)
 
 
 @pytest.mark.parametrize(
-    "name", ["P3", "P4", "P5", "RP8", "RP14", "RP22", "FourBranch", "Speed35", "Absolute35", "System35"]
+    "name", ["P3", "P4", "P5", "RP8", "RP14", "RP22", "RP91", "FourBranch", "Speed35", "Absolute35", "System35"]
 )
 def test_references_agree_with_monte_carlo(name):
     problem = PROBLEMS[name]

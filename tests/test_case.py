@@ -10,9 +10,11 @@ import openturns as ot
 import pytest
 
 from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.separation import Pivot
-from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.dynamics.separation import Pivot, umbilical
+from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 from satsep_ot.model.case import Case, CaseError, load_case, parse_case, shipped_cases
 
 REFERENCE = (resources.files("satsep_ot.model") / "cases" / "reference.toml").read_text(encoding="utf-8")
@@ -100,6 +102,59 @@ def test_a_strut_with_its_stowed_length():
     case = parse_case(changed('force_line = "guided"', 'force_line = "strut"\nstowed_length = 40.0'))
     assert case.separation.force_line is ForceLine.STRUT
     assert case.separation.stowed_length == pytest.approx(0.04, rel=1e-15)
+
+
+def test_a_rod_that_slides_on_the_plate():
+    separation = parse_case(changed('"guided"', '"normal"\nguide_friction = 0.15')).separation
+    assert separation.force_line is ForceLine.NORMAL
+    assert separation.guide_friction == 0.15
+
+
+def test_springs_that_have_failed_or_are_weak():
+    assert parse_case(changed("stroke = 30.0", "stroke = 30\nfailed = [3]")).separation.springs.scale.tolist() == [
+        1,
+        1,
+        0,
+        1,
+    ]
+    text = changed("stroke = 30.0", "stroke = 30\nfailed = [4, 1]\nscale = [1, 0.9, 1.1, 1]")
+    assert parse_case(text).separation.springs.scale.tolist() == [0.0, 0.9, 1.1, 0.0]
+
+
+UMBILICAL = "angle = 30\nradius = 250\nstiffness = 2000\ndeformation = 8\nstroke = 6\nfriction = 15\nengagement = 5\n"
+
+
+def test_an_umbilical_connector_or_several():
+    expected = umbilical(math.radians(30.0), 0.25, 2000.0, 0.008, 0.006, friction=15.0, engagement=0.005)
+    springs = parse_case(changed("[initial]", f"[umbilical]\n{UMBILICAL}[initial]")).separation.springs
+    assert len(springs) == 6
+    np.testing.assert_allclose(springs.parameters()[-16:], expected.parameters(), rtol=1e-15)
+    assert springs.laws[-2:].tolist() == [ForceLaw.LINEAR, ForceLaw.FRICTION]
+    two = f"[[umbilical]]\n{UMBILICAL}[[umbilical]]\n{UMBILICAL.replace('angle = 30', 'angle = 200')}[initial]"
+    springs = parse_case(changed("[initial]", two)).separation.springs
+    assert np.allclose(np.degrees(springs.angle[4:]), [30.0, 30.0, 200.0, 200.0])
+
+
+def test_impulses_at_the_start():
+    text = changed("[initial]", "[impulse]\nmomentum = [1, -2, 3]\nangular_momentum = [0.1, 0.2, -0.3]\n[initial]")
+    separation = parse_case(text).separation
+    assert separation.impulse.tolist() == [1.0, -2.0, 3.0]
+    assert separation.angular_impulse.tolist() == [0.1, 0.2, -0.3]
+    assert not load_case("reference").separation.impulse.any()
+
+
+def test_plane_walls_beside_the_cylinder_or_instead():
+    walls = "planes = [{ normal = [0, 0, -2], offset = -400.0 }]"
+    separation = parse_case(changed("recess_radius = 520.0", f"recess_radius = 520.0\n{walls} #")).separation
+    np.testing.assert_allclose(separation.recess_planes, [[0.0, 0.0, -1.0, -0.4]])
+    text = changed("recess_radius = 520.0", "#").replace(
+        "[inputs]", "[[envelope.planes]]\nnormal = [-3, 0, 4]\noffset = -800.0\n[inputs]", 1
+    )
+    separation = parse_case(text).separation
+    np.testing.assert_allclose(separation.recess_planes, [[-0.6, 0.0, 0.8, -0.8]])
+    assert separation.recess_radius == 0.0
+    # Of the four corners the one farthest against the normal is 800 - 0.6 350 - 0.8 350 mm from it.
+    assert simulate(separation).quantity("clearance")[0] == pytest.approx(310.0, abs=1e-3)
 
 
 def test_full_inertia_tensor_and_initial_state():
@@ -199,6 +254,18 @@ def test_the_push_has_a_meaning_on_every_orbit(push, direction, orbit):
     assert np.allclose(y, axis / np.linalg.norm(axis), rtol=0, atol=1e-14)
 
 
+def test_a_window_of_re_contact():
+    assert load_case("reference").separation.recontact is None
+    assert parse_case(changed("[envelope]", "[recontact]\n[envelope]")).separation.recontact == Recontact()
+    text = changed("[envelope]", "[recontact]\nstart_orbits = 0\nend_orbits = 3\n[envelope]")
+    separation = parse_case(text.replace('quantity = "spin"', 'quantity = "recontact_distance"')).separation
+    assert separation.recontact == Recontact(0.0, 3.0)
+    orbit, end = text.index("[orbit]"), text.index("# [recontact]")
+    assert "[recontact] needs the table [orbit]" in refusal(text[:orbit] + text[end:])
+    escape = "position = [7000, 0, 0]\nvelocity = [0, 12, 0] #"
+    assert "[recontact] cannot be used: the orbit is not closed" in refusal(text.replace("altitude = 500.0 ", escape))
+
+
 def test_without_envelope_inputs_and_requirements():
     case = parse_case(REFERENCE[: REFERENCE.index("[envelope]")])
     assert case.separation.envelope is None
@@ -282,7 +349,6 @@ REFUSALS = {
     "negative in a list": ("stiffness = 5500.0", "stiffness = [1, 2, 3, -4]", ["springs.stiffness", "positive"]),
     "negative delay": ("delay = 0.0 ", "delay = -1.0 #", ["springs.delay", "not negative"]),
     "cant of a right angle": ("cant = 0.0 ", "cant = 90 #", ["springs.cant", "below 90"]),
-    "unknown force line": ('"guided" ', '"guide" #', ["springs.force_line", "'guided', 'strut'"]),
     "strut without length": ('"guided" ', '"strut" #', ["springs.stowed_length is missing", "mm"]),
     "strut of no length": ('"guided" ', '"strut"\nstowed_length = 0 #', ["springs.stowed_length = 0", "buckles"]),
     "guide with length": ('"guided" ', '"guided"\nstowed_length = 4 #', ["springs.stowed_length", "strut"]),
@@ -343,6 +409,17 @@ REFUSALS = {
         ["the perigee is 6300 km", "above the surface, 6378.14 km"],
     ),
     "j2 without a plane": ("altitude = 500.0", "altitude = 500.0\nj2 = true", ["orbit.inclination is missing", "j2"]),
+    "window that ends before it starts": (
+        "[envelope]",
+        "[recontact]\nend_orbits = 0.05\n[envelope]",
+        ["[recontact]", "0.1 to 0.05 orbits", "0 <= start_orbits < end_orbits <= 100"],
+    ),
+    "window in words": ("[envelope]", "[recontact]\nend_orbits = 'one'\n[envelope]", ["recontact.end_orbits = 'one'"]),
+    "re-contact distance without a window": (
+        'quantity = "spin"',
+        'quantity = "recontact_distance"',
+        ["needs the table [recontact]"],
+    ),
     "unknown push": ('"along-track"', '"forward"', ["orbit.push", "'against-track'"]),
     "text for a flag": (
         "gradient_torque = false",
@@ -397,6 +474,54 @@ REFUSALS = {
     "missing parameter": ("a = 0.0, b = 2.0", "a = 0.0", ["parameter b", "missing", "a, b"]),
     "unknown parameter": ("a = 0.0, b = 2.0", "a = 0.0, b = 2.0, c = 1", ["'c'", "a, b"]),
     "infinite parameter": ("a = 0.0, b = 2.0", "a = 0.0, b = inf", ["inputs.delay.b = inf", "finite"]),
+    "unknown force line": ('"guided"', '"slider"', ["springs.force_line = 'slider'", "'guided', 'strut', 'normal'"]),
+    "friction of a guided spring": (
+        '"guided"',
+        '"guided"\nguide_friction = 0.1',
+        ["springs.guide_friction = 0.1", "'normal'"],
+    ),
+    "negative friction": (
+        '"guided"',
+        '"normal"\nguide_friction = -0.1',
+        ["springs.guide_friction = -0.1", "not negative"],
+    ),
+    "stowed rod": ('"guided"', '"normal"\nstowed_length = 4', ["springs.stowed_length = 4", "normal springs"]),
+    "spring 0 failed": ("stroke = 30.0", "stroke = 30\nfailed = [0]", ["springs.failed = [0]", "from 1 to 4"]),
+    "spring 5 failed": ("stroke = 30.0", "stroke = 30\nfailed = [5]", ["springs.failed = [5]", "from 1 to 4"]),
+    "failed twice": ("stroke = 30.0", "stroke = 30\nfailed = [2, 2]", ["springs.failed = [2, 2]", "different"]),
+    "failed in words": ("stroke = 30.0", "stroke = 30\nfailed = true", ["springs.failed = True", "list"]),
+    "negative scale": ("stroke = 30.0", "stroke = 30\nscale = -1", ["springs.scale = -1", "not negative"]),
+    "connector without stroke": (
+        "[initial]",
+        "[umbilical]\n" + UMBILICAL.replace("stroke", "strike") + "[initial]",
+        ["umbilical.strike", "'stroke'"],
+    ),
+    "connector with negative friction": (
+        "[initial]",
+        "[[umbilical]]\n" + UMBILICAL.replace("15", "-15") + "[initial]",
+        ["umbilical[1].friction = -15", "not negative number in N"],
+    ),
+    "connector that never leaves": (
+        "[initial]",
+        "[umbilical]\n" + UMBILICAL.replace("engagement = 5", "engagement = 0") + "[initial]",
+        ["umbilical.engagement = 0", "positive number in mm"],
+    ),
+    "impulse in one number": ("[initial]", "[impulse]\nmomentum = 3\n[initial]", ["impulse.momentum = 3", "N s"]),
+    "infinite impulse": (
+        "[initial]",
+        "[impulse]\nangular_momentum = [0, inf, 0]\n[initial]",
+        ["impulse.angular_momentum", "N m s"],
+    ),
+    "wall without normal": (
+        "recess_depth = 250.0",
+        "planes = [{ normal = [0, 0, 0], offset = 3 }]\nrecess_depth = 250.0",
+        ["envelope.planes[1].normal = [0, 0, 0]", "not 0"],
+    ),
+    "wall without offset": (
+        "recess_depth = 250.0",
+        "planes = [{ normal = [0, 0, 1] }]\nrecess_depth = 250.0",
+        ["envelope.planes[1].offset is missing", "mm"],
+    ),
     "no limit": ("maximum = 2.5", "", ["requirements[1] has neither", "maximum and minimum"]),
     "two limits": ("maximum = 2.5", "maximum = 2.5\nminimum = 1", ["requirements[1] has both"]),
     "limit is NaN": ("maximum = 2.5", "maximum = nan", ["requirements[1].maximum = nan", "deg/s"]),

@@ -84,6 +84,9 @@ def test_simulate_in_words(capsys):
     out = capsys.readouterr().out
     assert "0.59791" in out
     assert "spring 4 released at 85.381" in out
+    # K L (xi - L / 2) of one spring; gravity adds a part in ten million.
+    assert out.count("work 4.125 J") == 4
+    assert "Kinetic energy gained 16.49" in out
 
 
 def test_simulate_as_json(tmp_path, capsys):
@@ -372,3 +375,72 @@ def test_new_like_another_case(tmp_path, capsys):
     assert case.name == "mine"
     assert case.separation.satellite.mass == 2.0
     assert "there are cubesat, " in refused(["new", str(tmp_path / "other.toml"), "--like", "cube"], capsys)
+
+
+EFFECTS = """
+failed = [1]
+table = { 2 = [[0, 2], [5, 1.5], [10, 1]] }
+force_line = "normal"
+guide_friction = 0.2
+[umbilical]
+angle = 30
+radius = 90
+stiffness = 50
+deformation = 8
+stroke = 6
+friction = 0.1
+engagement = 5
+[impulse]
+momentum = [0.0, 0.25, 0.0]
+[orbit]
+altitude = 500
+[recontact]
+[envelope]
+half_width = 50
+height = 100
+recess_depth = 60
+planes = [{ normal = [0, 0, -2], offset = -125 }]
+"""
+
+
+def test_check_and_simulate_tell_every_effect(tmp_path, capsys):
+    path = small(tmp_path, EFFECTS)
+    assert cli.main(["check", path]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "Springs (normal)", "failed", "table of 3 rows, 2 to 1 N", "Umbilical connectors", "pin friction [N]",
+        "Friction coefficient of the guides 0.2", "Impulse at the start 0, 0.25, 0 N s",
+        "Re-contact: looked for from 0.1 to 1 orbits", "in a recess of depth 60 mm",
+        "Plane wall 1: normal 0, 0, -1, offset -125 mm",
+    ):  # fmt: skip
+        assert words in out, words
+    # The table's work, less that of the pins: 15 N mm, and K L (xi - L / 2) of the connector.
+    assert "Spring energy 0.016 J" in out
+    assert cli.main(["simulate", path]) == 0
+    out = capsys.readouterr().out
+    for words in (
+        "spring 1 has failed",
+        "spring 2 released at",
+        "umbilical connector 1 released",
+        "pins of connector 1",
+        "work -0.0004",
+    ):
+        assert words in out, words
+
+
+def test_a_first_run_says_why_it_takes_long(capsys):
+    with cli._patience(0.01):
+        time.sleep(0.2)
+    assert "compiling the simulator" in capsys.readouterr().err
+    with cli._patience(5.0):
+        pass
+    assert capsys.readouterr().err == ""
+
+
+def test_a_study_of_discrete_inputs_is_refused(tmp_path, capsys):
+    extra = '[inputs]\nworks = { quantity = "springs.scale.2", distribution = "Bernoulli", p = 0.9 }\n'
+    extra += '[[requirements]]\nquantity = "spin"\nmaximum = 1\n'
+    error = refused(["study", small(tmp_path, extra), "--output", str(tmp_path / "results")], capsys)
+    assert "needs continuous inputs, but works [1] (Bernoulli) has atoms" in error
+    assert "condition on its values" in error
+    assert not (tmp_path / "results").exists()

@@ -86,6 +86,14 @@ def test_every_call_is_counted_and_the_answer_is_right(method, gradient):
         assert (row.lower95, row.upper95, row.coefficient_of_variation) == (None, None, None)
 
 
+def test_lines_find_a_limit_state_at_a_whole_distance():
+    # OpenTURNS' root search steps by 1 and loses a root that a step hits.
+    problem = getBenchmarkProblem("RP107")
+    row = run(problem.getEvent(), [c.ActiveLineSampling()]).getRows()[0]
+    assert row.probability == pytest.approx(problem.getProbability(), rel=1e-6)
+    assert row.evaluations < 500
+
+
 def test_finite_difference_steps_follow_the_spread_of_the_inputs():
     # OpenTURNS' own absolute step of 1e-5 spans thousands of these standard deviations.
     recorder = Recorder(gradient=False, scale=1e-9)
@@ -120,11 +128,17 @@ def test_no_failure_in_monte_carlo_has_an_interval_and_no_variation():
     assert row.upper95 == pytest.approx(3e-3, rel=0.01)
 
 
-def test_a_value_that_is_not_a_number_is_an_error_of_monte_carlo():
-    vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "sqrt(x)"), ot.RandomVector(ot.Normal()))
-    row = run(ot.ThresholdEvent(vector, ot.Greater(), 1.0), [c.MonteCarlo(100)]).getRows()[0]
+@pytest.mark.parametrize("method", [m for m in METHODS if not isinstance(m, c.FORM)], ids=lambda method: method.name)
+def test_a_value_that_is_not_a_number_is_an_error_and_not_a_run_without_failure(method):
+    def evaluate(x):
+        x = np.asarray(x)
+        return np.where(x[:, :1] > 0.5, np.nan, x[:, :1])
+
+    function = ot.PythonFunction(2, 1, func_sample=evaluate)
+    event = ot.ThresholdEvent(ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(2))), ot.Greater(), 0.4)
+    row = run(event, [method]).getRows()[0]
     assert row.probability is None
-    assert row.note
+    assert "not finite" in row.note
 
 
 def test_union_event_is_compared_by_its_limit_state():

@@ -4,6 +4,7 @@ import re
 import runpy
 from pathlib import Path
 
+import numpy as np
 import openturns as ot
 import pytest
 
@@ -41,6 +42,87 @@ def test_failure_probability_of_a_beam(capsys):
     assert interval.getLowerBound()[0] < share < interval.getUpperBound()[0]
     assert names["result"].getConverged()
     assert "95 % interval" in printed
+
+
+def test_active_subspaces_of_use_cases(capsys):
+    names, printed = run("active_subspaces_of_use_cases", capsys)
+    assert all(score > 0.9 for _, score in names["results"].values())
+    assert printed.count("Q2 of one active variable") == 3
+
+
+def test_external_simulator(capsys):
+    names, printed = run("external_simulator", capsys)
+    result = names["result"]
+    assert result.getConverged()
+    share, failures = oscillator_probability()
+    spread = np.hypot(result.getCoefficientOfVariation(), 1.0 / np.sqrt(failures))
+    assert abs(result.getProbabilityEstimate() / share - 1.0) < 4.0 * spread
+    assert "force" in printed.splitlines()[2]
+
+
+def oscillator_probability(size=200_000):
+    """P(peak > 0.15 m) of the oscillator of the example and the failures seen, by plain Monte Carlo."""
+    generator = np.random.default_rng(0)
+    spread = np.sqrt(np.log1p(0.025**2))
+    mass = np.exp(generator.normal(np.log(2.0) - 0.5 * spread**2, spread, size))
+    stiffness, damping = generator.normal(200.0, 10.0, size), generator.uniform(1.0, 3.0, size)
+    force, duration = generator.normal(15.0, 1.0, size), generator.uniform(0.18, 0.22, size)
+    x, v, peak, step = np.zeros(size), np.zeros(size), np.zeros(size), 2e-3
+    # The first half period holds the peak.
+    for k in range(300):
+        v += step * (np.where(k * step < duration, force, 0.0) - stiffness * x - damping * v) / mass
+        x += step * v
+        np.maximum(peak, x, out=peak)
+    return float(np.mean(peak > 0.15)), np.count_nonzero(peak > 0.15)
+
+
+def test_other_distributions_and_copula(capsys):
+    names, printed = run("other_distributions_and_copula", capsys)
+    independent, clayton = (names["probabilities"][label] for label in ("independent", "Clayton"))
+    # Springs that are weak together make slow separations more likely.
+    assert clayton.getConfidenceInterval().getLowerBound()[0] > independent.getConfidenceInterval().getUpperBound()[0]
+    assert "Clayton" in printed
+
+
+def test_save_and_load(capsys):
+    names, printed = run("save_and_load", capsys)
+    assert names["same_spin"]
+    assert names["same_surrogate"]
+    assert names["whole"].getProbabilityEstimate() == names["result"].getProbabilityEstimate()
+    assert names["result_again"].getProbabilityEstimate() == names["result"].getProbabilityEstimate()
+    assert "dimension 35" in printed
+
+
+def test_sensitivity_analysis(capsys):
+    names, printed = run("sensitivity_analysis", capsys)
+    first = {names["names"][index] for index in names["strongest"]}
+    assert {"satellite_cg_x", "satellite_cg_z"} <= first
+    # Four corners share one minimum: first-order effects leave a part to interactions, which total indices count twice.
+    assert sum(names["sobol"].getFirstOrderIndices()) < 1.0 < sum(names["total"])
+    assert "HSIC" in printed
+
+
+def test_calibration_of_the_springs(capsys):
+    names, printed = run("calibration_of_the_springs", capsys)
+    for true, found, deviation in names["found"].values():
+        assert abs(true - found) < 3.0 * deviation
+    assert names["found"]["1 - 3"][2] < 2.0
+    assert printed.count("before 5500 +- 55") == 4
+
+
+def test_benchmark_study(capsys):
+    names, _ = run("benchmark_study", capsys)
+    errors = {(problem, method): error for problem, method, _, error, _ in names["table"]}
+    assert errors["P5", "ActiveSubspace"] < 0.2
+    # The failure of P5 is the outside of a sphere: one design point sees next to nothing of it.
+    assert errors["P5", "FORM"] > 0.9
+
+
+def test_pandas_in_and_out(capsys):
+    names, printed = run("pandas_in_and_out", capsys)
+    assert names["both"].shape == (500, 35 + len(names["outputs"].columns))
+    assert names["correlations"].index[0].startswith("satellite_cg_x")
+    assert "fitted to 500 masses: Normal(mu = 10" in printed
 
 
 def test_every_example_is_tested():
@@ -83,6 +165,11 @@ def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
         if not target.startswith("https://"):
             assert (page.parent / target).exists(), f"{page.name} links to {target}, which does not exist"
+
+
+def test_the_page_on_benchmarks_names_every_script():
+    text = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    assert [path.name for path in (ROOT / "tests" / "benchmarks").glob("*.py") if path.name not in text] == []
 
 
 def test_the_page_on_case_files_names_every_key_and_quantity():

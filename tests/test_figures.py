@@ -15,6 +15,7 @@ from satsep_ot.dynamics.separation import ForceLine, Springs
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.model.case import load_case
 from satsep_ot.studies import figures
 
 
@@ -275,3 +276,13 @@ def test_motion_of_other_parameters_than_the_nominal_ones():
 def test_run_that_fails_is_not_drawn():
     with pytest.raises(RuntimeError, match="a spring was not released within the horizon"):
         figures.separation_figure(symmetric_separation(horizon=0.05))
+
+
+def test_motion_with_a_failed_spring_leaves_it_out():
+    separation = load_case("one_spring_failed").separation
+    motion = figures.compute_motion(separation)
+    assert np.isnan(motion.release_times[2])
+    assert np.isnan(motion.strokes[:, 2]).all()
+    np.testing.assert_allclose(np.delete(motion.release_strokes, 2), 0.03, atol=1e-7)
+    labels = figures.draw_strokes(motion).get_legend_handles_labels()[1]
+    assert "spring 3 (failed)" in labels

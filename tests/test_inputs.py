@@ -8,6 +8,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.dynamics.separation import SPRING_SIZE
+from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import (
     ParameterMap,
@@ -16,6 +17,7 @@ from satsep_ot.model.inputs import (
     quantile_range,
     scatter_targets,
 )
+from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
 # Name, unit, mean, standard deviation of the 35 inputs of the reference case.
@@ -150,9 +152,91 @@ def test_springs_that_differ_move_together_by_a_deviation():
 def test_every_parameter_of_a_spring_and_of_a_body_can_be_scattered(case):
     targets = scatter_targets(case.separation)
     reached = {parameter for target in targets.values() for parameter in target.parameters}
-    # What only struts have is not offered for guided springs.
-    assert set(case.separation.parameter_names()) - reached == {"stowed_length"}
+    # What only struts have, or only rods that slide on a plate, is not offered for guided springs.
+    assert set(case.separation.parameter_names()) - reached == {"stowed_length", "guide_friction"}
     assert len([key for key in targets if key.startswith("springs.")]) == SPRING_SIZE * (1 + 4)
+
+
+EFFECTS = """
+[umbilical]
+angle = 30
+radius = 250
+stiffness = 2000
+deformation = 8
+stroke = 6
+friction = 15
+engagement = 5
+[impulse]
+momentum = [0, 1, 0]
+"""
+
+
+def test_every_parameter_of_every_effect_can_be_scattered():
+    """A rod with friction, a table, a connector, an impulse, a plane wall: each under a name of its own."""
+    text = load_case("reference").text.replace('"guided"', '"normal"\nguide_friction = 0.1', 1)
+    text = text.replace("stroke = 30.0", "stroke = 30\ntable = { 2 = [[0, 200], [30, 60]] }", 1)
+    text = text.replace("recess_depth", "planes = [{ normal = [0, 0, 1], offset = -400 }]\nrecess_depth", 1)
+    text = text[: text.index("[inputs]")] + EFFECTS
+    separation = parse_case(text).separation
+    targets = scatter_targets(separation)
+    names = separation.parameter_names()
+    reached = {parameter for target in targets.values() for parameter in target.parameters}
+    never = {"stowed_length", *(f"springs[{i}].{key}" for i in (1, 5) for key in ("stiffness", "deformation"))}
+    # The springs of the connector act along the axis, from the start, and its pins are all that may be missing.
+    never |= {f"springs[{i}].{key}" for i in (4, 5) for key in ("cant", "delay")} | {"springs[4].scale"}
+    assert set(names) - reached == never
+    rows = "[inputs]\n" + "\n".join(
+        f'{name} = {{ quantity = "{quantity}", sigma = {sigma} }}'
+        for name, quantity, sigma in (
+            ("a", "springs.guide_friction", 0.02), ("b", "umbilical.friction", 2), ("c", "umbilical.engagement.1", 0.1),
+            ("d", "impulse.momentum.x", 0.3), ("e", "impulse.angular_momentum.z", 1),
+            ("f", "envelope.planes.1.offset", 3), ("g", "springs.scale.2", '"2 %"'), ("h", "umbilical.radius", 1),
+            ("i", "springs.stiffness.each", 10),
+        )
+    )  # fmt: skip
+    case = parse_case(text + rows)
+    assert [row.name for row in case.inputs] == [*"abcdefgh", "i_1", "i_3", "i_4"]
+    assert [row.unit for row in case.inputs][:8] == ["1", "N", "mm", "N s", "N m s", "mm", "1", "mm"]
+    parameter_map = ParameterMap(case.inputs, separation)
+    x = parameter_map.reference.copy()
+    x[:8] = 0.2, 17.0, 5.5, 0.1, 0.2, -390.0, 0.9, 255.0
+    moved = dict(zip(names, parameter_map.parameters(x[None, :])[0], strict=True))
+    changed = {name: value for name, value in moved.items() if value != parameter_map.nominal[names.index(name)]}
+    assert changed == pytest.approx(
+        {
+            "guide_friction": 0.2, "springs[5].scale": 17.0, "springs[5].stroke": 0.0055, "impulse.x": 0.1,
+            "angular_impulse.z": 0.2, "planes[0].offset": -0.39, "springs[1].scale": 0.9,
+            "springs[4].radius": 0.255, "springs[5].radius": 0.255,
+        }
+    )  # fmt: skip
+    function = SeparationFunction(parse_case(text + rows))
+    assert np.isfinite(function.evaluate([x])).all()
+    assert np.isfinite(function.computeGradientSample([x])).all()
+
+
+def test_a_spring_fails_with_a_probability():
+    """A Bernoulli on the factor of its force: the runs are those of all springs and of all but that one."""
+    row = '\n[inputs]\nworks = { quantity = "springs.scale.3", distribution = "Bernoulli", p = 0.9 }\n'
+    text = load_case("reference").text
+    start, end = text.index("[inputs]"), text.index("[[requirements]]")
+    case = parse_case(text[:start] + row + text[end:])
+    ot.RandomGenerator.SetSeed(0)
+    sample = SeparationProblem(case).getDistribution().getSample(500)
+    values = np.array(ot.Function(SeparationFunction(case))(sample))
+    works = np.array(sample)[:, 0] == 1.0
+    assert 0.85 < works.mean() < 0.95
+    failed = parse_case(text.replace("stroke = 30.0", "stroke = 30\nfailed = [3]", 1)).separation
+    for selected, separation in ((works, case.separation), (~works, failed)):
+        expected = simulate(separation)
+        assert (values[selected, 0] == expected.quantity("axial_velocity")[0]).all()
+    assert values[~works, 0].max() < 0.9 * values[works, 0].min()
+    # The failure probability of the separation includes that of the spring.
+    event = SeparationProblem(case).getEvent("axial velocity")
+    algorithm = ot.ProbabilitySimulationAlgorithm(event, ot.MonteCarloExperiment())
+    algorithm.setMaximumOuterSampling(100)
+    algorithm.setBlockSize(50)
+    algorithm.run()
+    assert algorithm.getResult().getProbabilityEstimate() == pytest.approx(0.1, abs=0.02)
 
 
 def test_distributions_by_name():

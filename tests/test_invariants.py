@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from separation_cases import general_separation
+from separation_cases import general_separation, mixed_springs
 
-from satsep_ot.dynamics.invariants import angular_momentum, kinetic_energy
+from satsep_ot.dynamics.invariants import angular_momentum, kinetic_energy, spring_strokes, spring_work
 from satsep_ot.dynamics.rotations import quaternion_product, rotation_matrix
 from satsep_ot.dynamics.separation import Body, Separation, Springs
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -59,3 +59,27 @@ def test_a_single_off_centre_spring():
     )
     energy = kinetic_energy(separation, trajectory(separation, [0.0, 0.3], tolerance=1e-12).states)
     assert energy[1] - energy[0] == pytest.approx(4e3 * 0.04 * 0.03, rel=1e-9)
+
+
+@pytest.mark.parametrize("force_line", ForceLine)
+@pytest.mark.parametrize("springs", ["linear", "mixed"])
+def test_the_energy_gained_is_the_work_of_the_springs(force_line, springs):
+    """With delays, cants, a mounting error and an impulse; tables, the friction of a connector and a failed spring."""
+    changes = {} if springs == "linear" else {"springs": mixed_springs()}
+    separation = general_separation(force_line, orbit=None, gradient_torque=False, guide_friction=0.0, **changes)
+    releases = trajectory(separation, [], tolerance=1e-12).release_times
+    pushing = separation.springs.scale > 0.0
+    times = np.unique([0.0, *separation.springs.delay, *releases[pushing]])
+    states = trajectory(separation, times, tolerance=1e-12).states
+    strokes = spring_strokes(separation, states)
+    start, end = (
+        np.array([strokes[np.searchsorted(times, t if push else 0.0), i] for i, (t, push) in enumerate(pairs)])
+        for pairs in (zip(instants, pushing, strict=True) for instants in (separation.springs.delay, releases))
+    )
+    stroke, linear = separation.springs.stroke, separation.springs.laws == ForceLaw.LINEAR
+    stroke = np.where(linear, np.minimum(stroke, separation.springs.deformation), stroke)
+    np.testing.assert_allclose(end[pushing], stroke[pushing], rtol=1e-9)
+    energy = kinetic_energy(separation, states)
+    work = spring_work(separation, start, end)
+    assert (work[~pushing] == 0.0).all()
+    assert energy[-1] - energy[0] == pytest.approx(work.sum(), rel=1e-10)

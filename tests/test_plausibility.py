@@ -66,3 +66,15 @@ def test_the_random_generator_is_left_alone():
     ot.RandomGenerator.SetSeed(4)
     implausibilities(load_case("reference"))
     assert ot.RandomGenerator.Generate() == before
+
+
+def test_a_stroke_that_scatters_beyond_its_table():
+    text = load_case("reference").text.replace(
+        "stroke = 30.0", "stroke = 30.0\ntable = { 2 = [[0, 220], [30.2, 55]] }", 1
+    )
+    sentences = implausibilities(parse_case(text))
+    assert len(sentences) == 1
+    assert sentences[0] == (
+        "stroke: the stroke of spring 2 reaches 30.46 mm at the 99.9 % quantile, but its force-stroke table ends at "
+        "30.2 mm"
+    )

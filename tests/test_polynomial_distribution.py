@@ -174,3 +174,13 @@ def test_other_laws_and_dimensions_are_refused():
             PolynomialDistribution(regression.getResult())
     with pytest.raises(ValueError, match=r"\(0, 1\), got 1"):
         law_of(1, lambda y: y[:, 0]).computeQuantile(1.0)
+
+
+def test_threshold_that_is_no_number_is_refused_and_infinity_has_its_limits():
+    law = law_of(2, lambda y: y[:, 0] ** 3 + y[:, 1])
+    for compute in (law.computeCDF, law.computeComplementaryCDF, law.computePDF, law.computeCDFError):
+        with pytest.raises(ValueError, match="got nan"):
+            compute(float("nan"))
+    infinity = float("inf")
+    assert (law.computeCDF(infinity), law.computeComplementaryCDF(infinity)) == pytest.approx((1.0, 0.0), abs=1e-12)
+    assert (law.computeCDF(-infinity), law.computeComplementaryCDF(-infinity)) == pytest.approx((0.0, 1.0), abs=1e-12)

@@ -69,10 +69,11 @@ def test_coefficients_agree_with_openturns(degree):
     np.testing.assert_allclose(np.array(result.getCoefficients()), reference, atol=1e-10 * np.abs(reference).max())
 
 
-def test_metamodel_survives_study_and_pickle_bit_for_bit(tmp_path):
-    result = fitted(LAWS["classic"], noise=0.1)
+@pytest.mark.parametrize("name", sorted(LAWS))
+def test_metamodel_survives_study_and_pickle_bit_for_bit(name, tmp_path):
+    result = fitted(LAWS[name], noise=0.1)
     metaModel = result.getMetaModel()
-    fresh = LAWS["classic"].getSample(50)
+    fresh = LAWS[name].getSample(50)
     expected = np.array(metaModel(fresh))
     path = str(tmp_path / "study.xml")
     study = ot.Study()

@@ -9,7 +9,7 @@ import pytest
 
 from satsep_ot.methods import reliability
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
-from satsep_ot.methods.importance_proposal import GaussianMixture, Pool, fitImportantRegion, paretoShape
+from satsep_ot.methods.importance_proposal import GaussianMixture, ModeMixture, Pool, fitImportantRegion, paretoShape
 from satsep_ot.methods.limit_state_event import LimitStateEvent
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
@@ -270,9 +270,55 @@ def test_values_that_are_not_finite_raise_or_are_counted():
     assert failure.getProbabilityEstimate() > 10.0 * safe.getProbabilityEstimate()
 
 
-def test_non_finite_threshold_is_refused():
+def test_runs_that_are_never_finite_keep_the_bound_of_their_policy():
+    broken = event(lambda u: np.full(len(u), np.nan))
+    for policy, probability in (("failure", 1.0), ("safe", 0.0)):
+        algorithm = ActiveSubspaceReliability(broken)
+        algorithm.setNonFinitePolicy(policy)
+        algorithm.run()
+        result = algorithm.getResult()
+        assert result.getProbabilityEstimate() == probability
+        assert result.getDiagnostics()["not finite"] == result.getEvaluationNumber()
+        interval = result.getConfidenceInterval()
+        assert interval.getUpperBound()[0] - interval.getLowerBound()[0] > 0.05
+        assert not result.getConverged()
+
+
+def test_all_runs_failed_and_a_frequent_event():
+    for threshold in (-8.0, 0.3):
+        algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0], operator=ot.Greater(), threshold=threshold))
+        algorithm.run()
+        interval = algorithm.getResult().getConfidenceInterval(0.999)
+        assert interval.getLowerBound()[0] <= ot.DistFunc.pNormal(-threshold) <= interval.getUpperBound()[0]
+        assert interval.getUpperBound()[0] > interval.getLowerBound()[0]
+
+
+def test_a_single_input():
+    algorithm = ActiveSubspaceReliability(event(lambda u: np.exp(u[:, 0]), 1, ot.Greater(), math.exp(3.0)))
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getConverged()
+    assert result.getProbabilityEstimate() == pytest.approx(ot.DistFunc.pNormal(-3.0), rel=0.1)
+
+
+def test_correlated_inputs_go_through_their_transformation():
+    distribution = ot.JointDistribution(
+        [ot.Gumbel(1.0, 2.0), ot.Normal(5.0, 3.0)], ot.NormalCopula(ot.CorrelationMatrix([[1.0, 0.7], [0.7, 1.0]]))
+    )
+    algorithm = ActiveSubspaceReliability(event(lambda x: x.sum(axis=1), 2, ot.Greater(), 22.0, distribution))
+    algorithm.run()
+    result = algorithm.getResult()
+    failures = np.count_nonzero(np.array(distribution.getSample(200_000)).sum(axis=1) > 22.0)
+    lower, upper = clopperPearson(failures, 200_000, 0.999)
+    interval = result.getConfidenceInterval(0.999)
+    assert interval.getLowerBound()[0] < upper
+    assert interval.getUpperBound()[0] > lower
+
+
+@pytest.mark.parametrize("threshold", [math.inf, -math.inf, math.nan])
+def test_non_finite_threshold_is_refused(threshold):
     with pytest.raises(ValueError, match="threshold"):
-        ActiveSubspaceReliability(event(lambda u: u[:, 0], threshold=math.inf)).run()
+        ActiveSubspaceReliability(event(lambda u: u[:, 0], threshold=threshold)).run()
 
 
 def test_a_function_that_raises_in_the_middle_leaves_its_runs():
@@ -333,6 +379,7 @@ def test_inputs_without_a_normal_standard_space_are_refused():
     for distribution in (
         ot.JointDistribution([ot.Normal(), ot.Bernoulli(0.5)]),
         ot.Student(3.0, [0.0] * 2, [1.0] * 2, ot.CorrelationMatrix(2)),
+        ot.JointDistribution([ot.Normal(), ot.Normal()], ot.StudentCopula(3.0, ot.CorrelationMatrix(2))),
     ):
         with pytest.raises(ValueError, match="standard"):
             ActiveSubspaceReliability(event(lambda u: u[:, 0], 2, distribution=distribution)).run()
@@ -420,6 +467,60 @@ def test_pool_weights_integrate_exactly_whatever_the_selection():
     chosen, weights = pool.select(probabilities, 200_000, generator)
     terms = weights * inside[chosen]
     assert abs(terms.mean() - mean) < 4.0 * terms.std() / math.sqrt(len(terms))
+
+
+def test_modes_in_subspaces_of_their_own_have_an_exact_density():
+    generator = np.random.default_rng(0)
+    bases = [np.eye(6)[:, [0]], np.linalg.qr(generator.standard_normal((6, 2)))[0]]
+    mixtures = [
+        GaussianMixture(np.array([1.0]), np.array([[3.0]]), np.array([[[0.3]]])),
+        GaussianMixture(
+            np.array([0.4, 0.6]), np.array([[2.0, 1.0], [-3.0, 0.0]]), np.array([np.eye(2), 0.5 * np.eye(2)])
+        ),
+    ]
+    modes = ModeMixture(np.array([0.3, 0.7]), bases, mixtures)
+    pool = Pool.draw(modes, 100_000, generator)
+    # The weights turn the sample into a standard normal one, for any function.
+    for h, truth in (
+        (np.ones(100_000), 1.0),
+        ((pool.points[:, 0] > 2.5).astype(float), ot.DistFunc.pNormal(-2.5)),
+        (np.where(pool.points @ bases[1][:, 0] < -2.5, pool.points[:, 0] ** 2, 0.0), None),
+    ):
+        mean, variance = pool.expectation(h)
+        if truth is None:
+            a = bases[1][0, 0]
+            tail = ot.DistFunc.pNormal(-2.5)
+            truth = (1.0 - a**2) * tail + a**2 * (tail + 2.5 * ot.DistFunc.dNormal(2.5))
+        assert abs(mean - truth) < 5.0 * math.sqrt(variance)
+        assert math.sqrt(variance) < 0.1 * truth
+
+
+def test_components_that_fail_together_are_a_group_and_the_modes_of_a_system_are_not():
+    generator = np.random.default_rng(0)
+    u = generator.standard_normal((300, 5))
+
+    def margin(values):
+        norm = np.hypot(values[:, 0], values[:, 1])
+        return np.min([4.0 - norm, 3.0 - np.abs(values[:, 2]), 3.5 - values[:, 3]], axis=0)
+
+    surrogate = LimitStateSurrogate(u, u[:, :4], margin, np.ones(300))
+    assert surrogate.groups(generator) == [[0, 1], [2], [3]]
+    part = surrogate.restricted([0, 1])
+    assert part.dimension() == 2
+    y = np.array([[4.1, 0.0], [1.0, 1.0]])
+    np.testing.assert_allclose(part.limitState(y)[0], 4.0 - np.linalg.norm(y, axis=1), atol=0.05)
+    assert LimitStateSurrogate(u, u[:, :3], lambda v: 2.0 - v.min(axis=1), np.ones(300)).groups(generator) == [
+        [0, 1, 2]
+    ]
+
+
+@pytest.mark.slow
+def test_a_system_of_many_modes_costs_hardly_more_than_one_of_them():
+    ot.RandomGenerator.SetSeed(3)
+    result, truth = solve("System35")
+    assert result.getConverged()
+    assert result.getEvaluationNumber() < 600
+    assert result.getProbabilityEstimate() == pytest.approx(truth, rel=0.06)
 
 
 def test_important_region_finds_both_modes_and_reports_none():

@@ -10,7 +10,7 @@ import pytest
 from satsep_ot import cli
 from satsep_ot.model.case import parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies.report import ReportError, render_report, write_report
+from satsep_ot.studies.report import ReportError, _gain, render_report, write_report
 from satsep_ot.studies.separation_study import SeparationStudy
 from tests.browser import PROGRAM, Browser
 
@@ -115,7 +115,9 @@ def test_the_page_stands_alone(page, results):
 
 def test_everything_to_repeat_it_is_there(page, results):
     text = visible_text(page)
-    assert "satsep-ot study case.toml --seed 5 --runs 5000 --methods ActiveSubspace FORM MonteCarlo" in text
+    assert (
+        "satsep-ot study case.toml --seed 5 --runs 5000 --methods ActiveSubspace FORM MonteCarlo --tolerances 1" in text
+    )
     assert 'cant = { quantity = "springs.cant.each", sigma = 0.02 }' in text
     for name, version in results["versions"].items():
         assert f"{name} {version}" in text or f"{name}{version}" in text
@@ -158,6 +160,18 @@ def test_the_most_likely_violation_of_a_known_case(results):
     # |rate_y| > 1 deg/s with a deviation of 0.4 deg/s, and hardly anything else.
     assert violation["distance"] == pytest.approx(2.5, rel=0.01)
     assert violation["quantities"]["spin"] > 1.0
+
+
+def test_gains_are_told_in_words():
+    def row(probability, spread=1.1):
+        return {"probability": probability, "lower95": probability / spread, "upper95": probability * spread}
+
+    assert _gain(row(1e-3), row(2.5e-4)) == "4 times less"
+    assert _gain(row(1e-3), row(2e-3)) == "2 times more"
+    assert _gain(row(1e-3), row(1e-8)) == "more than 100 times less"
+    assert _gain(row(1e-3), row(9.5e-4)) == "no difference that these runs show"
+    assert _gain(row(1e-3), row(0.0)) == "no violation left in these runs"
+    assert _gain(None, row(1e-3)) == ""
 
 
 def test_report_command_writes_the_same_page_again(directory, page, tmp_path, capsys):

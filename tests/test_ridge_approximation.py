@@ -233,6 +233,61 @@ class TestRidgeApproximation:
             with pytest.raises(ValueError, match="120 finite numbers >= 0, at least one"):
                 algorithm.setWeights(weights)
 
+    def twoDirections(self, size):
+        ot.RandomGenerator.SetSeed(3)
+        inputs = ot.Normal(4).getSample(size)
+        return inputs, ot.SymbolicFunction(["a", "b", "c", "e"], ["a * b + 0.5 * (a + c)"])(inputs)
+
+    def test_largest_dimension_bounds_the_choice(self):
+        algorithm = RidgeApproximation(*self.twoDirections(120), ot.Normal(4))
+        algorithm.setDegree(2)
+        algorithm.setStartsNumber(0)
+        for largest, tried in ((1, [0, 1]), (4, [0, 1, 2, 3, 4])):
+            algorithm.setLargestDimension(largest)
+            algorithm.run()
+            result = algorithm.getResult()
+            assert sorted(r for r, _ in result.getQ2ByDimensionAndDegree()) == tried
+            assert result.getDimension() <= largest
+        # a b and a + c need three directions: (1, 1, 0), (1, -1, 0) and c.
+        assert result.getDimension() == 3
+        assert result.getQ2() == pytest.approx(1.0, abs=1e-9)
+        for wrong in (-1, 5):
+            with pytest.raises(ValueError, match=f"largest dimension must be 0 to 4, got {wrong}"):
+                algorithm.setLargestDimension(wrong)
+
+    def resultWithSeed(self, seed, folds, starts, size=60):
+        algorithm = RidgeApproximation(*self.twoDirections(size), ot.Normal(4))
+        algorithm.setDimension(1)
+        algorithm.setDegree(3)
+        algorithm.setFoldsNumber(folds)
+        algorithm.setStartsNumber(starts)
+        ot.RandomGenerator.SetSeed(seed)
+        algorithm.run()
+        return algorithm.getResult(), ot.RandomGenerator.Generate()
+
+    def test_as_many_folds_as_points_leave_nothing_to_chance(self):
+        alone = [self.resultWithSeed(seed, 30, 0, 30)[0].getQ2() for seed in (1, 2)]
+        halves = [self.resultWithSeed(seed, 2, 0, 30)[0].getQ2() for seed in (1, 2)]
+        assert alone[0] == pytest.approx(alone[1], rel=1e-9)
+        assert abs(halves[0] - halves[1]) > 1e-3
+        algorithm = RidgeApproximation(*self.twoDirections(60), ot.Normal(4))
+        for wrong in (1, 61):
+            with pytest.raises(ValueError, match=f"number of folds must be 2 to 60, got {wrong}"):
+                algorithm.setFoldsNumber(wrong)
+
+    def test_random_starts_are_drawn_as_asked_and_never_make_the_fit_worse(self):
+        none, following = self.resultWithSeed(1, 5, 0)
+        again, same = self.resultWithSeed(1, 5, 0)
+        assert following == same
+        assert np.array_equal(np.array(none.getDirections()), np.array(again.getDirections()))
+        many, other = self.resultWithSeed(1, 5, 6)
+        # The random subspaces come from OpenTURNS' generator, which has moved on by them.
+        assert other != following
+        assert many.getRelativeError() <= none.getRelativeError() + 1e-9
+        algorithm = RidgeApproximation(*self.twoDirections(60), ot.Normal(4))
+        with pytest.raises(ValueError, match="random starts must be at least 0, got -1"):
+            algorithm.setStartsNumber(-1)
+
     def test_bad_input_is_refused(self):
         inputs, outputs = self.sample(20)
         with pytest.raises(ValueError, match="shapes"):

@@ -1,14 +1,16 @@
 """What `simulate --json` prints: every truth case said in a case file, against its 128-bit solution."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from separation_cases import TRUTH_CASES
+from separation_cases import TRUTH_CASES, general_separation, mixed_springs
 from truth_cases import truth_case_file
 
 from satsep_ot import cli
-from satsep_ot.model.case import load_case
+from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.model.case import Case, load_case
 from satsep_ot.model.run_document import run_document
 
 VECTORS = ("dv_inertial", "dv_platform", "dr_inertial", "w_sat", "w_plat", "q_sat", "q_plat")
@@ -41,6 +43,8 @@ def test_every_truth_case_through_the_command(name, force_line, tmp_path, capsys
         if TRUTH_CASES[name]["inputs"]["gravity"] is None:
             scale = np.linalg.norm(document["angular_momentum"]["at_start"]) + 1.0
             assert document["angular_momentum"]["change"] < 10.0 * limit * scale
+            assert abs(document["energy"]["error"]) < limit * document["energy"]["gained"]
+            assert sum(document["energy"]["spring_work"]) == pytest.approx(truth["spring_work"], rel=1e-8)
 
 
 def test_times_come_in_the_order_asked_for_and_may_precede_the_last_release():
@@ -61,6 +65,21 @@ def test_a_tighter_tolerance_is_heard():
     )
     assert loose != tight
     assert loose == pytest.approx(tight, rel=1e-3)
+
+
+@pytest.mark.parametrize("force_line", ForceLine)
+def test_energy_of_springs_of_every_kind(force_line):
+    """Tables, a connector's friction, a failed spring and delays; friction in the guides takes its part."""
+    separation = general_separation(force_line, springs=mixed_springs(), orbit=None, gradient_torque=False)
+    document = run_document(Case("mixed", "", replace(separation, guide_friction=0.0)))
+    assert document["status"] == "OK"
+    assert document["energy"]["spring_work"][4] == 0.0
+    assert abs(document["energy"]["error"]) < 1e-8 * document["energy"]["gained"]
+    if force_line == ForceLine.NORMAL:
+        for tolerance in (1e-8, 1e-12):
+            rubbing = run_document(Case("rubbing", "", separation), tolerance=tolerance)["energy"]
+            assert sum(rubbing["spring_work"]) < (1.0 - 1e-4) * sum(document["energy"]["spring_work"])
+            assert abs(rubbing["error"]) < 1e-8 * rubbing["gained"]
 
 
 @pytest.mark.parametrize("time", [-1.0, np.nan, np.inf, 1001.0])
@@ -103,6 +122,7 @@ def test_a_run_that_fails_has_no_motion(tmp_path, capsys):
     assert document["at"] == [None]
     assert document["release_times"] == [None] * 4
     assert document["angular_momentum"] is None
+    assert document["energy"] is None
     assert captured.err.count("\n") == 1
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
+from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.model.case import CaseError, Requirement, load_case, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -292,3 +293,45 @@ def test_events_have_the_whole_hessian(problem):
         values.append(function(moved)[0])
     second = (values[0] - 2.0 * values[1] + values[2]) / (0.3 * sigma) ** 2
     assert hessian[18, 18, 0] == pytest.approx(second, rel=1e-3)
+
+
+def recontact_problem():
+    text = load_case("reference").text.replace("[envelope]", "[recontact]\nend_orbits = 0.4\n[envelope]", 1)
+    row = '[[requirements]]\nname = "re-contact"\nquantity = "recontact_distance"\nminimum = 324.0\n'
+    return SeparationProblem(parse_case(text + row))
+
+
+def test_a_re_contact_distance_can_be_required():
+    problem = recontact_problem()
+    function, _, smooth, _ = problem.getComponents("re-contact")
+    assert list(function.getOutputDescription()) == ["recontact_distance [m]"]
+    assert smooth == [0]
+    ot.RandomGenerator.SetSeed(4)
+    x = problem.getDistribution().getSample(200)
+    distances = np.array(function(x))[:, 0]
+    event = problem.getEvent("re-contact")
+    assert np.array_equal(event_rows(event, np.array(x)), distances < 324.0)
+    system = event_rows(problem.getSystemEvent(), np.array(x))
+    assert system[distances < 324.0].all()
+    mean, gradient = problem.getDistribution().getMean(), np.array(function.gradient(x[0]))[:, 0]
+    for i in (0, 9, 14, 30):
+        step = 1e-2 * float(problem.getDistribution().getStandardDeviation()[i])
+        values = [function(np.array(x[0]) + sign * step * np.eye(35)[i])[0] for sign in (1.0, -1.0)]
+        assert (values[0] - values[1]) / (2.0 * step) == pytest.approx(gradient[i], rel=1e-4, abs=1e-6)
+    assert np.isfinite(np.array(function.gradient(mean))).all()
+
+
+@pytest.mark.slow
+def test_the_probability_of_a_short_re_contact_distance():
+    """The corrected probability against 20,000 runs."""
+    problem = recontact_problem()
+    ot.RandomGenerator.SetSeed(5)
+    sample = problem.getDistribution().getSample(20_000)
+    count = event_rows(problem.getEvent("re-contact"), np.array(sample)).sum()
+    algorithm = ActiveSubspaceReliability(problem.getEvent("re-contact"))
+    algorithm.setComponents(*problem.getComponents("re-contact"))
+    algorithm.run()
+    probability = algorithm.getResult().getProbabilityEstimate()
+    assert count > 100
+    assert probability == pytest.approx(count / 20_000, abs=4.0 * np.sqrt(count) / 20_000)
+    assert algorithm.getResult().getEvaluationNumber() < 2000

@@ -5,9 +5,18 @@ springs' work. The motion of the common CG itself has no part in either. Source:
 Mechanics* (2002), sections 1.2 and 5.1.
 """
 
+from itertools import pairwise
+
 import numpy as np
+from numpy.polynomial import legendre
+from scipy.interpolate import PchipInterpolator
 
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
+from satsep_ot.dynamics.simulation import trajectory
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+
+_NODES = 16  # of a quadrature
+_PIECES = 8  # of the time between two events: the force bends at the knots of a table
 
 
 def kinetic_energy(separation, states):
@@ -76,6 +85,183 @@ def angular_momentum(separation, states):
     spin = states[:, 6:9] @ separation.platform.inertia
     spin += _turned(states[:, 12:16], states[:, 9:12] @ separation.satellite.inertia)
     return _turned(states[:, 16:20], orbital + spin)
+
+
+def spring_strokes(separation, states):
+    """The stroke of every spring as the bodies lie, whether it pushes or not; see `satsep_ot.dynamics.springs`.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+    states : array_like, shape (T, 20)
+        See `satsep_ot.dynamics.system`.
+
+    Returns
+    -------
+    strokes : ndarray, shape (T, N)
+        [m]
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.invariants import spring_strokes
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> from satsep_ot.dynamics.simulation import trajectory
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> separation = Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)
+    >>> path = trajectory(separation, [0.0, 0.05])
+    >>> print([f"{stroke:.4f}" for stroke in spring_strokes(separation, path.states)[:, 0]])
+    ['0.0000', '0.0112']
+    """
+    states, springs, stowed = np.asarray(states, dtype=float), separation.springs, separation.stowed_length
+    zero = np.zeros(len(springs))
+    seats = np.stack([springs.radius * np.cos(springs.angle), zero, springs.radius * np.sin(springs.angle)], axis=1)
+    guides = _guides(springs)
+    # A stowed strut lies along its guide: the platform's seat is recessed by l_0 n, the satellite raised by l_0 y.
+    platform_seats = seats + stowed * (np.array([0.0, 1.0, 0.0]) - guides) - separation.platform.center_of_mass
+    strokes = np.empty((len(states), len(springs)))
+    plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (len(states), 1)))
+    for i, seat in enumerate(seats - separation.satellite.center_of_mass):
+        delta = states[:, 0:3] + _turned(states[:, 12:16], np.tile(seat, (len(states), 1))) - platform_seats[i]
+        if separation.force_line == ForceLine.GUIDED:
+            strokes[:, i] = delta @ guides[i]
+        elif separation.force_line == ForceLine.STRUT:
+            strokes[:, i] = np.linalg.norm(delta, axis=1) - stowed
+        else:
+            strokes[:, i] = np.sum(delta * plate, axis=1) / (plate @ guides[i])
+    return strokes
+
+
+def spring_work(separation, start, end):
+    """The work of each spring between two strokes, the integral of its force, by Gauss quadrature.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+        Without friction in the guides, which takes a part of this work.
+    start, end : array_like, shape (N,)
+        Strokes at the start of each push and at its release [m].
+
+    Returns
+    -------
+    work : ndarray, shape (N,)
+        [J]; 0 for a spring that has failed.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.invariants import spring_work
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> separation = Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)
+    >>> print(spring_work(separation, [0.0] * 4, [0.03] * 4))
+    [4.125 4.125 4.125 4.125]
+    """
+    springs, start, end = separation.springs, np.asarray(start, dtype=float), np.asarray(end, dtype=float)
+    nodes, weights = legendre.leggauss(_NODES)
+    work = np.zeros(len(springs))
+    for i in np.flatnonzero(springs.scale > 0.0):
+        low, high = sorted((start[i], end[i]))
+        knots = np.empty(0) if springs.tables[i] is None else springs.tables[i][:, 0]
+        for a, b in pairwise([low, *knots[(low < knots) & (knots < high)], high]):
+            forces = _force(springs, i, 0.5 * (a + b + (b - a) * nodes))
+            work[i] += np.sign(end[i] - start[i]) * 0.5 * (b - a) * (weights @ forces)
+    return work
+
+
+def push_starts(separation):
+    """When each spring starts to push: at its delay, and pins with the first push of any other spring.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+
+    Returns
+    -------
+    times : ndarray, shape (N,)
+        [s]; NaN for a spring that has failed.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.invariants import push_starts
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> springs = Springs([0.8, 2.4], 0.3, 5500.0, 0.04, 0.03, delay=[0.0, 2e-3])
+    >>> print(push_starts(Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs)))
+    [0.    0.002]
+    """
+    springs = separation.springs
+    works, pins = springs.scale > 0.0, springs.laws == ForceLaw.FRICTION
+    first = np.min(springs.delay[works & ~pins], initial=np.inf)
+    return np.where(works, np.where(pins, first, springs.delay), np.nan)
+
+
+def guide_loss(separation, releases, tolerance=1e-8):
+    """What friction in its guide takes of the work of each spring of the nominal run, the integral of its power.
+
+    With the force f of the spring, the angle a between the rod and the plate's normal and the friction coefficient mu,
+    the balance of the rod, f = N (cos a + mu sin a), leaves N cos a for the bodies: friction takes f - N cos a. Gauss
+    quadrature between the events of the run.
+
+    Parameters
+    ----------
+    separation : satsep_ot.dynamics.separation.Separation
+    releases : array_like, shape (N,)
+        When each spring is released [s], NaN for one that has failed.
+    tolerance : float
+        Of the trajectory.
+
+    Returns
+    -------
+    loss : ndarray, shape (N,)
+        [J]; 0 without friction.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.invariants import guide_loss
+    >>> from satsep_ot.dynamics.separation import Body, ForceLine, Separation, Springs
+    >>> from satsep_ot.dynamics.simulation import trajectory
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> platform, satellite = Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35], [0.02, 0.4, 0.0])
+    >>> separation = Separation(platform, satellite, springs, ForceLine.NORMAL, guide_friction=0.2)
+    >>> loss = guide_loss(separation, trajectory(separation, []).release_times)
+    >>> bool((0.0 < loss).all() and loss.sum() < 0.01 * 16.5)
+    True
+    """
+    springs, starts, loss = separation.springs, push_starts(separation), np.zeros(len(separation.springs))
+    friction = separation.guide_friction
+    if not friction:
+        return loss
+    nodes, weights = legendre.leggauss(_NODES)
+    # From values at the nodes to derivatives there, on [-1, 1].
+    differentiate = legendre.legvander(nodes, _NODES - 2) @ legendre.legder(
+        np.linalg.inv(legendre.legvander(nodes, _NODES - 1))
+    )
+    events = np.unique([*starts[np.isfinite(starts)], *np.asarray(releases)[np.isfinite(releases)]])
+    ends = np.concatenate([np.linspace(start, end, _PIECES, endpoint=False) for start, end in pairwise(events)])
+    for start, end in pairwise([*ends, events[-1]]):
+        states = trajectory(separation, 0.5 * (start + end + (end - start) * nodes), tolerance=tolerance).states
+        strokes = spring_strokes(separation, states)
+        plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (_NODES, 1)))
+        for i in np.flatnonzero((starts <= start) & (end <= releases)):
+            cosine = plate @ _guides(springs)[i]
+            sine = np.sqrt(np.maximum(0.0, 1.0 - cosine**2))
+            taken = friction * sine / (cosine + friction * sine) * _force(springs, i, strokes[:, i])
+            loss[i] += weights @ (taken * (differentiate @ strokes[:, i]))
+    return loss
+
+
+def _force(springs, i, strokes):
+    """Force of spring i [N] at some strokes, with its scale: the laws of `satsep_ot.dynamics.springs` once more."""
+    forces = {
+        ForceLaw.LINEAR: lambda: springs.stiffness[i] * (springs.deformation[i] - strokes),
+        ForceLaw.TABLE: lambda: PchipInterpolator(*springs.tables[i].T)(strokes),
+        ForceLaw.FRICTION: lambda: np.full(strokes.shape, -1.0),
+    }
+    return springs.scale[i] * forces[springs.laws[i]]()
+
+
+def _guides(springs):
+    """Directions of the guides in platform axes, (N, 3)."""
+    ca, sa, cb, sb = np.cos(springs.angle), np.sin(springs.angle), np.cos(springs.cant), np.sin(springs.cant)
+    return np.stack([-sb * sa, cb, sb * ca], axis=1)
 
 
 def _reduced_mass(separation):

@@ -86,7 +86,7 @@ class Recontact:
     def __post_init__(self):
         if not 0.0 <= self.start_orbits < self.end_orbits <= MAXIMUM_ORBITS:
             raise ValueError(
-                f"recontact: the window from {self.start_orbits} to {self.end_orbits} orbits; 0 <= start_orbits < "
+                f"the window of re-contact is {self.start_orbits} to {self.end_orbits} orbits; 0 <= start_orbits < "
                 f"end_orbits <= {MAXIMUM_ORBITS:g} is allowed"
             )
 

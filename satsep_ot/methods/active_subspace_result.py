@@ -25,6 +25,7 @@ from satsep_ot.methods.subspace_estimation import (
     bootstrap_subspace,
     estimate_subspace,
     quantile_bands,
+    reflected_bands,
     subspace_distance,
 )
 
@@ -37,14 +38,17 @@ def _checkLevel(level):
 class ActiveSubspaceResult:
     """Result of :class:`ActiveSubspaceAlgorithm`.
 
-    Intervals are bootstrap quantiles over the gradient sample, all outputs of a point together.
+    Intervals are bootstrap quantiles over the gradient sample, all outputs of a point together. Those of eigenvalues,
+    scores and the error bound are reflected on the logarithmic scale, which takes their bias back
+    (:func:`~satsep_ot.methods.subspace_estimation.reflected_bands`). They hold for eigenvalues that stand alone; within
+    a group of equal ones (:meth:`getRepeatedGroups`) no bootstrap covers at its level.
 
     Examples
     --------
     >>> import openturns as ot
     >>> from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
     >>> ot.RandomGenerator.SetSeed(0)
-    >>> function = ot.SymbolicFunction(["a", "b", "c"], ["(a + b)^2 + 0.1 * c"])
+    >>> function = ot.SymbolicFunction(["a", "b", "c"], ["(a + b)^2 + 0.01 * c"])
     >>> algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(3))
     >>> algorithm.run()
     >>> result = algorithm.getResult()
@@ -134,9 +138,12 @@ class ActiveSubspaceResult:
         return ot.Point(self._eigenvalues)
 
     def getEigenvaluesInterval(self, level=0.95):
-        """Bootstrap quantile interval of each eigenvalue, an :py:class:`openturns.Interval`."""
+        """Bootstrap interval of each eigenvalue, an :py:class:`openturns.Interval`."""
         _checkLevel(level)
-        return ot.Interval(*quantile_bands(self._eigenvalueReplicates, level))
+        return ot.Interval(*self._eigenvalueBands(level))
+
+    def _eigenvalueBands(self, level):
+        return reflected_bands(self._eigenvalues, self._eigenvalueReplicates, level)
 
     def getResolvedEigenvaluesNumber(self):
         """How many eigenvalues the gradients can resolve; the others are reported as 0."""
@@ -188,7 +195,7 @@ class ActiveSubspaceResult:
             Positions from 0; groups of at least two among the resolved eigenvalues that are not 0.
         """
         _checkLevel(level)
-        lower, upper = quantile_bands(self._eigenvalueReplicates, level)
+        lower, upper = self._eigenvalueBands(level)
         groups, group = [], []
         floor = (len(lower) * np.finfo(float).eps) ** 2 * self._eigenvalues[0]
         for i in range(self._resolved):
@@ -279,13 +286,13 @@ class ActiveSubspaceResult:
         return ot.Point((self._vectors[:, :n] ** 2) @ self._eigenvalues[:n])
 
     def getActivityScoresInterval(self, level=0.95, dimension=None):
-        """Bootstrap quantile interval of the activity scores."""
+        """Bootstrap interval of the activity scores."""
         _checkLevel(level)
         if dimension == len(self._eigenvalues):
             return self.getDerivativeBasedIndicesInterval(level)
         n = self._scoreDimension(dimension, self._vectorReplicates.shape[2])
         replicates = np.einsum("bij,bj->bi", self._vectorReplicates[:, :, :n] ** 2, self._eigenvalueReplicates[:, :n])
-        return ot.Interval(*quantile_bands(replicates, level))
+        return ot.Interval(*reflected_bands(np.array(self.getActivityScores(n)), replicates, level))
 
     def _scoreDimension(self, dimension, largest):
         if dimension is None:
@@ -302,12 +309,12 @@ class ActiveSubspaceResult:
         return ot.Point(np.array(self.getWeights()) @ self._squares())
 
     def getDerivativeBasedIndicesInterval(self, level=0.95):
-        """Bootstrap quantile interval of the derivative-based sensitivity."""
+        """Bootstrap interval of the derivative-based sensitivity."""
         _checkLevel(level)
         weights = self._counts * np.array(self.getWeights())
         total = weights.sum(axis=1, keepdims=True)
         replicates = (weights / np.where(total > 0.0, total, 1.0)) @ self._squares()
-        return ot.Interval(*quantile_bands(replicates, level))
+        return ot.Interval(*reflected_bands(np.array(self.getDerivativeBasedIndices()), replicates, level))
 
     def getTotalSobolBound(self):
         """Upper bounds nu_i / Var g of the total Sobol indices in U (Poincare inequality; one output).
@@ -329,10 +336,11 @@ class ActiveSubspaceResult:
         return float(np.sqrt(self._eigenvalues[self._dimension :].sum()))
 
     def getErrorBoundInterval(self, level=0.95):
-        """Bootstrap quantile interval (1-dimensional) of the error bound."""
+        """Bootstrap interval (1-dimensional) of the error bound."""
         _checkLevel(level)
-        lower, upper = quantile_bands(np.sqrt(self._eigenvalueReplicates[:, self._dimension :].sum(axis=1)), level)
-        return ot.Interval(float(lower), float(upper))
+        replicates = np.sqrt(self._eigenvalueReplicates[:, self._dimension :].sum(axis=1))
+        lower, upper = reflected_bands(np.array([self.getErrorBound()]), replicates[:, None], level)
+        return ot.Interval(lower, upper)
 
     def getEvaluationCallsNumber(self):
         """Evaluations of the function, those of finite differences and of the noise included."""
@@ -381,20 +389,16 @@ class ActiveSubspaceResult:
     def drawEigenvalues(self, level=0.95):
         """Eigenvalues on a logarithmic scale with their bootstrap band, :py:class:`openturns.Graph`."""
         _checkLevel(level)
-        number = min(self._resolved, len(self._eigenvalues))
-        # A zero has no logarithm: it is drawn at the rounding level of the largest.
-        floor = max((len(self._eigenvalues) * np.finfo(float).eps) ** 2 * self._eigenvalues[0], np.finfo(float).tiny)
-        graph = ot.Graph(
-            "Eigenvalues with bootstrap band",
-            "number",
-            "eigenvalue",
-            True,
-            "upper right",
-            1.0,
-            ot.GraphImplementation.LOGY,
-        )
-        lower, upper = (np.maximum(band[:number], floor) for band in quantile_bands(self._eigenvalueReplicates, level))
-        _add_band(graph, np.maximum(self._eigenvalues[:number], floor), lower, upper, level)
+        # Below there is rounding only, which has no place on a logarithmic scale.
+        floor = (len(self._eigenvalues) * np.finfo(float).eps) ** 2 * self._eigenvalues[0]
+        number = max(1, int((self._eigenvalues[: self._resolved] > floor).sum()))
+        left = len(self._eigenvalues) - number
+        title = "Eigenvalues with bootstrap band" + (f", {left} of {number + left} are 0" if left else "")
+        graph = ot.Graph(title, "number", "eigenvalue", True, "upper right")
+        if self._eigenvalues[0] > 0.0:
+            graph.setLogScale(ot.GraphImplementation.LOGY)
+        lower, upper = (np.maximum(band[:number], floor) for band in self._eigenvalueBands(level))
+        _add_band(graph, self._eigenvalues[:number], lower, upper, level)
         return graph
 
     def drawSubspaceError(self, level=0.95):
@@ -432,7 +436,10 @@ class ActiveSubspaceResult:
             whisker = ot.Curve([position + 1.0] * 2, [lower[i], upper[i]])
             whisker.setColor("black")
             graph.add(whisker)
-        labels = ot.Text([[k + 1.0, 0.0] for k in range(len(order))], [names[i] for i in order], "bottom")
+        # Above the whiskers, where nothing is in the way; the axis itself carries numbers only.
+        gap = 0.02 * max(upper.max(), scores.max())
+        tops = [[k + 1.0, max(upper[i], scores[i]) + gap] for k, i in enumerate(order)]
+        labels = ot.Text(tops, [names[i] for i in order], "top")
         labels.setColor("black")
         labels.setRotation(90)
         graph.add(labels)
@@ -472,8 +479,11 @@ def _add_band(graph, middle, lower, upper, level):
     number = np.arange(1.0, len(middle) + 1.0)
     curve = ot.Curve(number, middle)
     curve.setColor("steelblue")
-    curve.setPointStyle("fcircle")
     graph.add(curve)
+    points = ot.Cloud(number, middle)
+    points.setColor("steelblue")
+    points.setPointStyle("fcircle")
+    graph.add(points)
     for place, bound in enumerate((lower, upper)):
         edge = ot.Curve(number, bound)
         edge.setLineStyle("dashed")

@@ -7,6 +7,11 @@ import openturns as ot
 
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
 
+# Ten steps of the colour map viridis, that of OpenTURNS' contours (Smith and van der Walt, 2015).
+COLOURS = (
+    "#440154", "#482878", "#3e4989", "#31688e", "#26828e", "#1f9e89", "#35b779", "#6ece58", "#b5de2b", "#fde725",
+)  # fmt: skip
+
 
 def activeTransformation(space, directions):
     """Physical inputs to active variables, y = W^T T(x), as a native function.
@@ -93,26 +98,40 @@ def drawSufficientSummary(active, values, weights=None, name="output", level=0.9
     Returns
     -------
     :py:class:`openturns.Graph`
-        One active variable: points, regression and its band. More: points in the plane of the first two over the
-        contours of the regression on these two.
+        One active variable: points, regression and its band. More: points in the plane of the first two, coloured by
+        the output, over the contours of the regression on these two in the same colours.
     """
     shown = min(active.shape[1], 2)
     active = active[:, :shown]
     basis = PolynomialBasis(shown, surrogate_degree(len(active), shown))
     fit = fit_polynomial(basis, active, values, weights, allow_deficient=True)
     lower, upper = active.min(axis=0), active.max(axis=0)
-    cloud = ot.Cloud(active if shown == 2 else np.column_stack([active, values]))
-    cloud.setPointStyle("fcircle")
     if shown == 2:
         graph = ot.Graph(f"Sufficient summary of {name}", "active variable 1", "active variable 2", True, "")
         first, second = (np.linspace(low, high, 41) for low, high in zip(lower, upper, strict=True))
         # OpenTURNS' contour takes the first variable as the fast one.
         mesh = np.column_stack([np.tile(first, 41), np.repeat(second, 41)])
-        graph.add(ot.Contour(*(ot.Sample(column[:, None]) for column in (first, second, fit.predict(mesh)))))
-        cloud.setColor("black")
-        graph.add(cloud)
+        surface = fit.predict(mesh)
+        # Lines and points share their colours: where they differ, other variables matter.
+        # What the regression makes of corners without points would take all the colours: the range is that of the runs.
+        edges = np.linspace(values.min(), values.max(), len(COLOURS) + 1)
+        levels = [level_ for level_ in edges if surface.min() < level_ < surface.max()]
+        if levels:
+            contour = ot.Contour(*(ot.Sample(column[:, None]) for column in (first, second, surface)))
+            contour.setLevels(levels)
+            contour.setLabels([f"{level_:.3g}" for level_ in levels])
+            contour.setColorMap("viridis")
+            contour.setVmin(edges[0])
+            contour.setVmax(edges[-1])
+            graph.add(contour)
+        classes = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, len(COLOURS) - 1)
+        for number, colour in enumerate(COLOURS):
+            if (classes == number).any():
+                graph.add(ot.Cloud(active[classes == number], colour, "fcircle"))
         return graph
     graph = ot.Graph(f"Sufficient summary of {name}", "active variable 1", name, True, "upper left")
+    cloud = ot.Cloud(np.column_stack([active, values]))
+    cloud.setPointStyle("fcircle")
     cloud.setLegend("runs")
     graph.add(cloud)
     grid = np.linspace(lower, upper, 101)

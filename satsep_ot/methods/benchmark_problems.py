@@ -10,8 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 import openturns as ot
+from scipy.special import ndtr
 
-__all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblems"]
+__all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblemNames", "getBenchmarkProblems"]
 
 
 class BenchmarkProblem:
@@ -310,6 +311,40 @@ def _rp63() -> BenchmarkProblem:
     )
 
 
+def _rp91() -> BenchmarkProblem:
+    mean, deviation = (0.07433, 0.1, 13.0, 4751.0, -684.0), (0.005, 0.01, 60.0, 48.0, 11.0)
+
+    def components(x):
+        x1, x2, x3, x4, x5 = x.T
+        first = 0.847 + 0.96 * x2 + 0.986 * x3 - 0.216 * x4 + 0.077 * x2**2 + 0.11 * x3**2 + 7.0 / 378.0 * x4**2
+        first += -x3 * x2 - 0.106 * x2 * x4 - 0.11 * x3 * x4
+        return np.column_stack(
+            [
+                first,
+                84000.0 * x1 / np.sqrt(x3**2 + x4**2 - x3 * x4 + 3.0 * x5**2) - 1.0,
+                84000.0 * x1 / np.abs(x4) - 1.0,
+            ]
+        )
+
+    # The first component stays above 3e5, so it fails where x1 is below the larger of two stresses over 84000.
+    nodes, weights = np.polynomial.hermite_e.hermegauss(12)
+    z = np.linspace(-8.0, 8.0, 1601)
+    x3, x4, x5 = np.meshgrid(13.0 + 60.0 * z, 4751.0 + 48.0 * nodes, -684.0 + 11.0 * nodes, indexing="ij")
+    stress = np.maximum(np.sqrt(x3**2 + x4**2 - x3 * x4 + 3.0 * x5**2), np.abs(x4))
+    conditional = ndtr((stress / 84000.0 - 0.07433) / 0.005)
+    density = np.exp(-0.5 * z**2) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi)
+    probability = float(np.einsum("ijk,i,j,k", conditional, density, weights, weights)) / (2.0 * math.pi)
+    return BenchmarkProblem(
+        "RP91",
+        ot.Normal(mean, deviation, ot.CorrelationMatrix(5)),
+        components,
+        probability,
+        "quadrature; Rozsas and Slobbe (2019) give 6.97e-4 for RP91",
+        outputDimension=3,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
 def _rp107() -> BenchmarkProblem:
     return BenchmarkProblem(
         "RP107",
@@ -406,6 +441,7 @@ _FACTORIES: dict[str, Callable[[], BenchmarkProblem]] = {
     "RP22": _rp22,
     "RP54": _rp54,
     "RP63": _rp63,
+    "RP91": _rp91,
     "RP107": _rp107,
     "FourBranch": _fourBranch,
     **{name: _ridgeFactory(name) for name in _RIDGE_LIMITS},
@@ -429,6 +465,18 @@ def getBenchmarkProblem(name: str) -> BenchmarkProblem:
     if name not in _FACTORIES:
         raise ValueError(f"no benchmark problem is called {name!r}; there are {', '.join(_FACTORIES)}")
     return _FACTORIES[name]()
+
+
+def getBenchmarkProblemNames() -> list[str]:
+    """Names of all benchmark problems.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblemNames
+    >>> getBenchmarkProblemNames()[:3]
+    ['P1', 'P2', 'P3']
+    """
+    return list(_FACTORIES)
 
 
 def getBenchmarkProblems() -> list[BenchmarkProblem]:

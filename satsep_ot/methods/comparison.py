@@ -153,14 +153,9 @@ class ReliabilityComparison:
             components = (countingFunction(components[0], counter, distribution), *components[1:])
         compare = Limit.of(event).margin
 
-        def isFailure(x):
-            values = callFunction(counting, x)
-            if not np.isfinite(values).all():
-                row = int(np.argmin(np.isfinite(values).all(axis=1)))
-                raise ValueError(f"the event's variable is not finite at input {x[row].tolist()}")
-            return compare(values) <= 0.0
-
-        return CountedProblem(event, distribution, counter, components, isFailure, report)
+        return CountedProblem(
+            event, distribution, counter, components, lambda x: compare(callFunction(counting, x)) <= 0.0, report
+        )
 
 
 class ReliabilityComparisonResult:

@@ -93,13 +93,53 @@ class GaussianMixture:
         )
 
 
+@dataclasses.dataclass
+class ModeMixture:
+    """Mixtures in subspaces of their own, standard normal outside of these, with the density of them all.
+
+    Sampling from all modes and weighting by the density of the whole is the balance heuristic (Veach and Guibas,
+    SIGGRAPH 1995).
+
+    Attributes
+    ----------
+    shares : array (m,)
+        Of sum 1.
+    bases : list of array (k, r)
+        Orthonormal basis of each subspace.
+    mixtures : list of GaussianMixture
+        In r dimensions each.
+    """
+
+    shares: np.ndarray
+    bases: list[np.ndarray]
+    mixtures: list[GaussianMixture]
+
+    def logDensity(self, y: np.ndarray) -> np.ndarray:
+        """Logarithm of the density, (n,)."""
+        columns = []
+        for share, basis, mixture in zip(self.shares, self.bases, self.mixtures, strict=True):
+            z = y @ basis
+            columns.append(math.log(share) + mixture.logDensity(z) - normalLogDensity(z))
+        return normalLogDensity(y) + _logSumExp(np.column_stack(columns))
+
+    def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
+        """Independent points, (size, k)."""
+        which = generator.choice(len(self.shares), size=size, p=self.shares)
+        y = generator.standard_normal((size, len(self.bases[0])))
+        for index, (basis, mixture) in enumerate(zip(self.bases, self.mixtures, strict=True)):
+            rows = which == index
+            z = mixture.sample(int(np.count_nonzero(rows)), generator)
+            y[rows] += (z - y[rows] @ basis) @ basis.T
+        return y
+
+
 def fitGaussianMixture(
     points: np.ndarray, generator: np.random.Generator, components: int | None = None, iterations: int = 20
 ) -> GaussianMixture:
     """Expectation-maximisation for equally weighted points (n, k); components that lose their points are dropped."""
     n, k = points.shape
     if components is None:
-        components = min(max(6, 2 + k), 12)
+        components = 3 if k == 1 else min(max(6, 2 + k), 12)
     # Start from points far from each other (k-means++), moved to the centres of their clusters, so that each mode
     # receives a component.
     centres = points[[int(generator.integers(n))]]
@@ -142,6 +182,7 @@ def fitImportantRegion(
     dimension: int,
     generator: np.random.Generator,
     maximumLevels: int = 15,
+    size: int = _LEARNING_POINTS,
 ) -> GaussianMixture | None:
     """A mixture that covers the region where a cheap function says failure, weighted by the standard normal density.
 
@@ -154,6 +195,8 @@ def fitImportantRegion(
     generator : :py:class:`numpy.random.Generator`
     maximumLevels : int
         Largest number of intermediate distributions.
+    size : int
+        Points of each of them.
 
     Returns
     -------
@@ -166,7 +209,7 @@ def fitImportantRegion(
     for level in range(maximumLevels):
         # The closing level takes more points: those of large weight show the modes that the mixture lacks.
         closing = last
-        y = mixture.sample(3 * _LEARNING_POINTS if closing else _LEARNING_POINTS, generator)
+        y = mixture.sample(3 * size if closing else size, generator)
         value, scale = limitState(y)
         logWeight = normalLogDensity(y) - mixture.logDensity(y)
         earlier, smoothing = smoothing, _nextSmoothing(logWeight, value, scale, smoothing)
@@ -219,7 +262,7 @@ class Pool:
     weights: np.ndarray
 
     @staticmethod
-    def draw(mixture: GaussianMixture, size: int, generator: np.random.Generator) -> "Pool":
+    def draw(mixture: GaussianMixture | ModeMixture, size: int, generator: np.random.Generator) -> "Pool":
         """A pool of ``size`` independent points of the mixture."""
         points = mixture.sample(size, generator)
         return Pool(points, np.exp(normalLogDensity(points) - mixture.logDensity(points)))

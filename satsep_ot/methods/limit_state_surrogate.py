@@ -4,12 +4,14 @@ All in the standard normal space. The probability of failure at a point follows 
 predictions of the components, carried through the composition by differences of one error's size.
 """
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable
 
 import numpy as np
 import openturns as ot
+from scipy.sparse.csgraph import connected_components
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2
 
@@ -29,6 +31,8 @@ _SEARCH_TOLERANCE = 1e-4
 _PARSIMONY = 0.9
 # Points further than this number of scales from the limit have a probability of failure of 0 or 1.
 _BAND = 8.0
+# Points, so many times as far out as the runs, that tell which components fail together.
+_PROBES, _PROBE_SPREAD = 2000, 3.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,6 +193,43 @@ class LimitStateSurrogate:
             largest = max(largest, float(scale[rows].max()))
         # A composition that is flat here would give 0: the composed value is then certain to rounding.
         return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))
+
+    def groups(self, generator: np.random.Generator) -> list[list[int]]:
+        """Components that fail together, such as the two parts of a norm; a series system has one group a mode.
+
+        Where a point far out is safe again as soon as any one of several components takes its typical value, these
+        belong together.
+        """
+        _, values, _ = self._training
+        typical, spread = np.median(values, axis=0), values.std(axis=0)
+        points = typical + _PROBE_SPREAD * spread * generator.standard_normal((_PROBES, len(spread)))
+        points = points[self.margin(points) <= 0.0]
+        needed = np.zeros((len(points), len(spread)), dtype=bool)
+        for j, value in enumerate(typical):
+            replaced = points.copy()
+            replaced[:, j] = value
+            needed[:, j] = self.margin(replaced) > 0.0
+        together = (needed.T.astype(float) @ needed) > 0.0
+        number, label = connected_components(together)
+        return [np.flatnonzero(label == k).tolist() for k in range(number) if together[label == k].any()]
+
+    def restricted(self, group: list[int]) -> "LimitStateSurrogate":
+        """The surrogate of some components alone, the others at their typical values."""
+        _, values, _ = self._training
+        typical = np.median(values, axis=0)
+
+        def margin(reduced):
+            complete = np.repeat(typical[None], len(reduced), axis=0)
+            complete[:, group] = reduced
+            return self.margin(complete)
+
+        part = copy.copy(self)
+        part.margin = margin
+        part.components = [self.components[j] for j in group]
+        part.errors = self.errors[group]
+        part.directions = _union([fit.directions for fit in part.components], self.inputs)
+        part._rotations = [part.directions.T @ fit.directions for fit in part.components]
+        return part
 
     def nativeFunction(self, space: StandardSpace) -> ot.Function:
         """The components as functions of the physical inputs, native to OpenTURNS, with exact derivatives."""

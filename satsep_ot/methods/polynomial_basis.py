@@ -529,7 +529,7 @@ def _normal_equations(basis, points, columns, weights):
         if scale is not None:
             system *= scale[some]
         if size < SYMMETRIC_PRODUCT_SIZE:
-            part = design @ system.T
+            part = design.dot(system.T)
         else:
             part = np.empty((size, width))
             np.matmul(design, design.T, out=part[:, :size])
@@ -567,8 +567,8 @@ def _factorise(basis, points, columns, weights):
 
 
 def _triangle_condition(triangle):
-    """Estimate of the condition number of an upper triangle in the 1-norm."""
-    reciprocal, _ = _TRCON(triangle, norm="1", uplo="U")
+    """Estimate of the condition number of an upper triangle in the 1-norm (both are trcon's defaults)."""
+    reciprocal, _ = _TRCON(triangle)
     return 1.0 / reciprocal if reciprocal > 0.0 else np.inf
 
 

@@ -116,6 +116,8 @@ class PolynomialDistribution:
 
     def _roots(self, threshold):
         """Real roots (lines, degree) of p - threshold along each line in increasing order, filled up with inf."""
+        if math.isnan(threshold):
+            raise ValueError("The threshold of a probability must be a number, got nan.")
         power = self._power.copy()
         power[:, 0] -= threshold
         count, size = power.shape

@@ -1,6 +1,7 @@
 """Multivariate polynomial regression with what is needed to judge it, as a native OpenTURNS function."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -28,6 +29,14 @@ def shuffled_folds(size, folds):
     """
     order = np.array(ot.RandomGenerator.Generate(size)).argsort(kind="stable")
     return [np.sort(block) for block in np.array_split(order, min(folds, size))]
+
+
+def _isNormal(distribution):
+    return distribution.getImplementation().getClassName() == "Normal"
+
+
+# The most common bases: they are not changed by anyone, and take longer to set up than a small fit.
+_hermiteBasis = functools.lru_cache(maxsize=32)(PolynomialBasis)
 
 
 @dataclasses.dataclass
@@ -188,17 +197,17 @@ class MultivariatePolynomialRegression:
         scale = self._points.std(axis=0)
         # An input that does not vary is found by the rank, with its own message.
         scale[scale == 0.0] = 1.0
-        return ot.JointDistribution(
-            [ot.Normal(float(m), float(s)) for m, s in zip(self._points.mean(axis=0), scale, strict=True)]
-        )
+        return ot.Distribution(ot.Normal(self._points.mean(axis=0), scale, ot.CorrelationMatrix(len(scale))))
 
     def _reduction(self):
         law = self._law()
         families = []
         centre, slope = np.array(law.getMean()), 1.0 / np.array(law.getStandardDeviation())
+        if _isNormal(law):
+            return _Reduction(law, [ot.HermiteFactory()] * len(centre), centre, slope)
         for i in range(law.getDimension()):
             marginal = law.getMarginal(i)
-            if marginal.getImplementation().getClassName() == "Normal":
+            if _isNormal(marginal):
                 families.append(ot.HermiteFactory())
                 continue
             family = ot.StandardDistributionPolynomialFactory(marginal)
@@ -210,6 +219,8 @@ class MultivariatePolynomialRegression:
         return _Reduction(law, families, centre, slope)
 
     def _basis(self, families, degree):
+        if all(isinstance(family, ot.HermiteFactory) for family in families):
+            return _hermiteBasis(len(families), degree, self._norm)
         recurrences = []
         for family in families:
             if isinstance(family, ot.HermiteFactory):
@@ -284,7 +295,6 @@ class MultivariatePolynomialRegressionResult:
         self._values = values
         self._reduction = reduction
         self._descriptions = descriptions
-        self._prediction = PolynomialPrediction(fit.basis, fit.coefficients, reduction.centre, reduction.slope)
         self._metaModel = None
 
     def __repr__(self):
@@ -324,6 +334,11 @@ class MultivariatePolynomialRegressionResult:
     def getConditionNumber(self):
         """Condition number of the weighted design (estimate in the 1-norm)."""
         return float(self._fit.condition)
+
+    @functools.cached_property
+    def _prediction(self):
+        reduction = self._reduction
+        return PolynomialPrediction(self._fit.basis, self._fit.coefficients, reduction.centre, reduction.slope)
 
     def evaluate(self, points):
         """Predictions on arrays, (n, d) to (n, p); the fast way."""

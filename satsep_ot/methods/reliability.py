@@ -9,7 +9,7 @@ import openturns as ot
 from scipy.special import ndtr
 
 from satsep_ot.methods.failure_sample import FailureSample
-from satsep_ot.methods.importance_proposal import Pool, fitImportantRegion
+from satsep_ot.methods.importance_proposal import ModeMixture, Pool, fitImportantRegion
 from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
 from satsep_ot.methods.reliability_result import (
@@ -38,6 +38,10 @@ _SMALLEST_PROBABILITY = 1e-10
 _LARGEST_PARETO_SHAPE = 0.7
 # Points that stand for the distribution of the active variables: their error is below 1 % for most limit states.
 _POOL_SIZE = 60_000
+# Up to so many active directions one mixture finds all modes by itself.
+_SINGLE_SPACE = 3
+# One mode alone is found with few points.
+_MODE_POINTS = 3000
 
 
 class _Stopped(Exception):
@@ -342,7 +346,7 @@ class ActiveSubspaceReliability:
                 )
                 return
             self._calibrate(runs)
-            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
+            self._fit(reselect=self._used() >= 2.0 * self._selectedAt)
             # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
             # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
             refitted = self._propose() or self._propose()
@@ -430,10 +434,14 @@ class ActiveSubspaceReliability:
         k = surrogate.dimension()
         if k == 0:
             return None
-        mixture = fitImportantRegion(lambda y: surrogate.limitState(y, exact=False), k, generator)
+        mixture = self._modes() if k > _SINGLE_SPACE and not surrogate.radial else None
+        if mixture is None:
+            mixture = fitImportantRegion(lambda y: surrogate.limitState(y, exact=False), k, generator)
         if mixture is None:
             return None
-        pool = Pool.draw(mixture, _POOL_SIZE, generator)
+        # The composition of many components takes time; a mixture of modes needs fewer points.
+        size = _POOL_SIZE if k <= _SINGLE_SPACE else _POOL_SIZE // 2
+        pool = Pool.draw(mixture, size, generator)
         value, scale = surrogate.limitState(pool.points)
         failure = ndtr(-value / scale)
         probability, variance = pool.expectation(failure)
@@ -444,11 +452,41 @@ class ActiveSubspaceReliability:
             share = ndtr(-value / (width * scale))
             return np.sqrt(share * (1.0 - share))
 
-        nominal = np.ones(_POOL_SIZE)
+        nominal = np.ones(size)
         near, far = band(4.0), band(12.0)
         selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
         exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
         return _Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
+
+    def _modes(self) -> ModeMixture | None:
+        """A mixture for each group of components that fail together, in their own subspace; None where there is a
+        single group.
+
+        One mixture in the many directions of all components together is too poor to be sampled from.
+        """
+        surrogate, generator = self._surrogate, self._generator
+        groups = surrogate.groups(generator)
+        mixtures, bases, shares = [], [], []
+        for group in groups if len(groups) > 1 else []:
+            part = surrogate.restricted(group)
+            k = part.dimension()
+            if k == 0:
+                continue
+            mixture = fitImportantRegion(
+                lambda y, part=part: part.limitState(y, exact=False), k, generator, size=_MODE_POINTS
+            )
+            if mixture is None:
+                continue
+            pool = Pool.draw(mixture, _POOL_SIZE // 20, generator)
+            value, scale = part.limitState(pool.points, exact=False)
+            mixtures.append(mixture)
+            bases.append(surrogate.directions.T @ part.directions)
+            shares.append(pool.expectation(ndtr(-value / scale))[0])
+        if not sum(shares) > 0.0:
+            return None
+        # A mode that the others hide at the typical values still gets runs.
+        shares = np.maximum(np.array(shares) / sum(shares), 0.01)
+        return ModeMixture(shares / shares.sum(), bases, mixtures)
 
     @staticmethod
     def _isConsistent(proposal, estimate):

@@ -18,6 +18,10 @@ from satsep_ot.methods.reliability_result import clopperPearson
 from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.variable_projection import fit_ridge
 
+# Along lines through standard space: how far a limit state is looked for, and in steps of which size.
+_LARGEST_DISTANCE = 9.0
+_ROOT_STEP = 0.9871
+
 
 class Counter:
     """Numbers of evaluations and gradients, kept outside of the functions that OpenTURNS copies."""
@@ -41,7 +45,7 @@ def hasGradient(function: ot.Function) -> bool:
 
 
 def countingFunction(function: ot.Function, counter: Counter, distribution: ot.Distribution) -> ot.Function:
-    """The same function, counting its evaluations and gradients in ``counter``.
+    """The same function, counting its evaluations and gradients in ``counter``; a value that is not finite raises.
 
     A function without a gradient of its own gets centred differences whose steps are 1e-3 standard deviations of each
     input, which are evaluations; OpenTURNS' own step is the same number for all inputs, whatever their size. The
@@ -52,8 +56,17 @@ def countingFunction(function: ot.Function, counter: Counter, distribution: ot.D
 
     # Closures: a copy of the Python function by OpenTURNS shares them, so nothing is counted in a copy and lost.
     def evaluate(sample):
-        values = callFunction(function, np.asarray(sample, dtype=float))
+        points = np.asarray(sample, dtype=float)
+        values = callFunction(function, points)
         counter.evaluations += len(values)
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            # OpenTURNS would take it for no failure, silently.
+            row = int(np.argmin(finite))
+            raise ValueError(
+                f"{np.count_nonzero(~finite)} of {len(values)} values are not finite, the first one is "
+                f"{values[row].tolist()} at input {points[row].tolist()}"
+            )
         return values
 
     def gradient(point):
@@ -681,7 +694,9 @@ class LineSampling(SimulationMethod):
         return result.getStandardSpaceDesignPoint()
 
     def build(self, problem):
-        algorithm = otexp.LineSampling(problem.event, self.direction(problem))
+        # With OpenTURNS' own step of 1 a limit state at a whole distance is lost on half of the lines.
+        roots = ot.SafeAndSlow(ot.Brent(), _LARGEST_DISTANCE, _ROOT_STEP)
+        algorithm = otexp.LineSampling(problem.event, self.direction(problem), roots)
         # The adaptive direction jumps to whichever failure comes nearest, and the estimate with it.
         algorithm.setAdaptiveImportantDirection(False)
         return _limited(algorithm, self.targetCoefficientOfVariation, self.maximumLines, block=10)

@@ -6,6 +6,8 @@ from scipy import linalg
 
 # Below this many rows for each input, a bootstrap replicate may span less than the whole sample.
 ROWS_FOR_CHOLESKY = 4
+# A quantile below this share of the estimate is that of replicates with too few different rows to resolve it.
+LEAST_REFLECTED = 1e-2
 
 
 def orient(directions: np.ndarray) -> np.ndarray:
@@ -172,3 +174,38 @@ def quantile_bands(replicates, level):
     """Lower and upper quantiles over the first axis that hold the middle ``level``."""
     tail = 0.5 * (1.0 - level)
     return np.quantile(replicates, [tail, 1.0 - tail], axis=0)
+
+
+def reflected_bands(estimate, replicates, level):
+    """Bootstrap bands of positive quantities: quantiles on the logarithmic scale, reflected at the estimate.
+
+    Replicates lie off the estimate as the estimate lies off the truth: large eigenvalues are overestimated, small ones
+    underestimated. The basic bootstrap interval takes that back (Davison and Hinkley, Bootstrap Methods and their
+    Application, 1997, section 5.2); where the error is large the estimate itself may be outside.
+
+    Parameters
+    ----------
+    estimate : ndarray (k,)
+    replicates : ndarray (size, k)
+    level : float
+
+    Returns
+    -------
+    lower, upper : ndarray (k,)
+        Plain quantiles where the lower one is 0 or as good as that.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.subspace_estimation import reflected_bands
+    >>> lower, upper = reflected_bands(np.array([1.0]), np.linspace(0.5, 4.5, 101)[:, None], 0.5)
+    >>> lower.round(3).tolist(), upper.round(3).tolist()
+    ([0.286], [0.667])
+    """
+    lower, upper = quantile_bands(replicates, level)
+    possible = lower > LEAST_REFLECTED * estimate
+    square = estimate**2
+    return (
+        np.where(possible, square / np.where(possible, upper, 1.0), lower),
+        np.where(possible, square / np.where(possible, lower, 1.0), upper),
+    )

@@ -17,9 +17,11 @@ import openturns as ot
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import Recontact, check_orbit, stack_orbit
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, quaternion_from_matrix, rotation_matrix
-from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
+from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs, umbilical
 from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.model.force_table import checked_force_table, read_force_table
 from satsep_ot.model.inputs import (
     Target,
     UncertainInput,
@@ -254,8 +256,8 @@ def parse_case(text: str, file: str = "case") -> Case:
         reason = "tables or arrays are nested too deep" if isinstance(error, RecursionError) else str(error)
         raise CaseError(f"{file}: not valid TOML: {reason}") from error
     sections = (
-        "name", "description", "horizon", "platform", "satellite", "springs", "initial", "orbit", "envelope", "inputs",
-        "correlation", "requirements",
+        "name", "description", "horizon", "platform", "satellite", "springs", "umbilical", "impulse", "initial",
+        "orbit", "recontact", "envelope", "inputs", "correlation", "requirements",
     )  # fmt: skip
     root = _Table(file, "", data, sections)
     # Misspelt keys are reported before missing ones: the first usually explains the second.
@@ -284,16 +286,18 @@ _TABLE_KEYS = {
     "platform": _BODY_KEYS,
     "satellite": _BODY_KEYS,
     "springs": (
-        "count", "angles", "radius", "stiffness", "deformation", "stroke", "cant", "delay", "force_line",
-        "stowed_length",
+        "count", "angles", "radius", "stiffness", "deformation", "stroke", "cant", "delay", "scale", "failed",
+        "table", "force_line", "stowed_length", "guide_friction",
     ),
+    "impulse": ("momentum", "angular_momentum"),
     "initial": ("attitude", "rates", "velocity", "mounting_error", "pivot"),
     "orbit": (
         "altitude", "perigee_altitude", "apogee_altitude", "semi_major_axis", "eccentricity", "inclination",
         "right_ascension", "argument_of_perigee", "true_anomaly", "position", "velocity", "push",
         "gravitational_parameter", "gradient_torque", "j2",
     ),
-    "envelope": ("half_width", "height", "points", "recess_radius", "recess_depth"),
+    "recontact": ("start_orbits", "end_orbits"),
+    "envelope": ("half_width", "height", "points", "recess_radius", "recess_depth", "planes"),
 }  # fmt: skip
 _MISSING = object()
 
@@ -334,9 +338,11 @@ class _Table:
             raise self.error(key, data, f"a table, [{key}]")
         return _Table(self.file, self.key(key), data, keys)
 
-    def tables(self, key, keys):
-        """The tables of a list, each headed [[key]]; none where it is left out."""
+    def tables(self, key, keys, one=False):
+        """The tables of a list, each headed [[key]]; none where it is left out. With `one`, a single [key] will do."""
         entries = self.data.get(key, [])
+        if one and isinstance(entries, dict):
+            return [_Table(self.file, self.key(key), entries, keys)]
         if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
             raise self.error(key, entries, f"a list of tables, each headed [[{key}]]")
         return [_Table(self.file, f"{self.key(key)}[{n}]", entry, keys) for n, entry in enumerate(entries, start=1)]
@@ -411,14 +417,17 @@ def _is_number(value, sign=None, below=math.inf):
 
 def _separation(root, tables):
     springs = _springs(tables["springs"])
-    force_line, stowed_length = _force_line(tables["springs"])
+    for connector in _umbilicals(root):
+        springs = springs.joined(connector)
+    force_line, stowed_length, guide_friction = _force_line(tables["springs"])
     initial = tables["initial"] or _Table(root.file, "initial", {}, _TABLE_KEYS["initial"])
     orbit, attitude = _orbit(tables["orbit"], initial)
     gradient_torque = False if orbit is None else tables["orbit"].flag("gradient_torque", False)
     velocity = initial.vector("velocity", "m/s", [0.0, 0.0, 0.0])
     if orbit is not None:
         orbit = replace(orbit, velocity=orbit.velocity + velocity)
-    envelope, recess_radius, recess_depth = _envelope(tables["envelope"])
+    envelope, recess_radius, recess_depth, planes = _envelope(tables["envelope"])
+    impulse = tables["impulse"] or _Table(root.file, "impulse", {}, _TABLE_KEYS["impulse"])
     pivots = {"stack": Pivot.STACK, "platform": Pivot.PLATFORM}
     zero = [0.0, 0.0, 0.0]
     arguments = dict(
@@ -436,12 +445,21 @@ def _separation(root, tables):
         envelope=envelope,
         recess_radius=recess_radius,
         recess_depth=recess_depth,
+        recess_planes=planes,
+        impulse=impulse.vector("momentum", "N s", zero),
+        angular_impulse=impulse.vector("angular_momentum", "N m s", zero),
+        guide_friction=guide_friction,
+        recontact=_recontact(tables["recontact"], orbit),
         horizon=root.number("horizon", "s", Separation.horizon, "positive", below=1e3),
     )
     try:
-        return Separation(**arguments)
+        separation = Separation(**arguments)
+        if separation.recontact is not None:
+            # The CG of the stack may be on another orbit than the platform's.
+            check_orbit(stack_orbit(separation))
     except ValueError as error:
         raise CaseError(f"{root.file}: {error}") from error
+    return separation
 
 
 def _body(table):
@@ -490,27 +508,115 @@ def _springs(table):
         angle = (2.0 * np.arange(count) + 1.0) * math.pi / count
     else:
         angle = np.array(angles, dtype=float) * _DEGREE
+    stroke = table.per_spring("stroke", "mm", count, sign="positive") * _MILLI
+    scale = table.per_spring("scale", "", count, 1.0, sign="not negative")
+    scale[_failed(table, count)] = 0.0
+    force_tables = _force_tables(table, stroke)
     return Springs(
         angle=angle,
         radius=table.per_spring("radius", "mm", count, sign="not negative") * _MILLI,
-        stiffness=table.per_spring("stiffness", "N/m", count, sign="positive"),
-        deformation=table.per_spring("deformation", "mm", count, sign="positive") * _MILLI,
-        stroke=table.per_spring("stroke", "mm", count, sign="positive") * _MILLI,
+        stiffness=_of_linear_springs(table, "stiffness", "N/m", force_tables),
+        deformation=_of_linear_springs(table, "deformation", "mm", force_tables) * _MILLI,
+        stroke=stroke,
         cant=table.per_spring("cant", "deg", count, 0.0, below=90.0) * _DEGREE,
         delay=table.per_spring("delay", "ms", count, 0.0, sign="not negative") * _MILLI,
+        scale=scale,
+        tables=force_tables,
     )
 
 
+def _of_linear_springs(table, key, unit, force_tables):
+    """A positive number for each spring but those that have a force-stroke table, whose number is 0."""
+    measured = [entry is not None for entry in force_tables]
+    if all(measured):
+        if key in table:
+            raise table.error(key, table.data[key], "left out: every spring has a force-stroke table instead")
+        return np.zeros(len(measured))
+    if not any(measured) or not isinstance(table.get(key, None, ""), list):
+        return np.where(measured, 0.0, table.per_spring(key, unit, len(measured), sign="positive"))
+    values = table.per_spring(key, unit, len(measured), sign="not negative")
+    if not np.array_equal(values == 0.0, measured):
+        raise table.error(
+            key, table.data[key], "0 for each spring that has a force-stroke table, and positive for the others"
+        )
+    return values
+
+
+def _failed(table, count):
+    """Indices of the springs that have failed."""
+    value = table.get("failed", [], "")
+    allowed = f"a list of different spring numbers, from 1 to {count}"
+    if not isinstance(value, list) or not all(type(n) is int and 1 <= n <= count for n in value):
+        raise table.error("failed", value, allowed)
+    if len(set(value)) < len(value):
+        raise table.error("failed", value, allowed)
+    return [n - 1 for n in value]
+
+
+def _force_tables(table, stroke):
+    """The force-stroke table [m, N] of each spring, or None."""
+    value, count = table.get("table", {}, ""), len(stroke)
+    keys = [str(n) for n in range(1, count + 1)]
+    # One table for all, or one for each spring that is named by its number.
+    entries = value if isinstance(value, dict) else dict.fromkeys(keys, value)
+    for key in entries:
+        if key not in keys:
+            raise CaseError(f"{table.file}: springs.table.{key} is not a known key; the springs are 1 to {count}")
+    tables = []
+    for key, needed in zip(keys, stroke, strict=True):
+        where = f"{table.file}: springs.table" + (f".{key}" if isinstance(value, dict) else "")
+        tables.append(_force_table(table.file, where, entries[key], needed) if key in entries else None)
+    return tuple(tables)
+
+
+def _force_table(file, where, value, stroke):
+    if not isinstance(value, (str, list)):
+        raise CaseError(f"{where} = {value!r}, but it must be rows [[stroke, force], ...] or the name of a CSV file")
+    is_file = isinstance(value, str)
+    try:
+        rows = read_force_table(Path(file).parent / value) if is_file else checked_force_table(value, where)
+    except ValueError as error:
+        raise CaseError(f"{where}: {error}" if is_file else str(error)) from error
+    if rows[-1, 0] < stroke:
+        end, needed = rows[-1, 0] / _MILLI, stroke / _MILLI
+        raise CaseError(
+            f"{where}: the last stroke is {end:g} mm, but it must be the spring's stroke of {needed:g} mm or more"
+        )
+    return rows
+
+
+_UMBILICAL_KEYS = ("angle", "radius", "stiffness", "deformation", "stroke", "friction", "engagement")
+
+
+def _umbilicals(root):
+    """The springs of each umbilical connector."""
+    for table in root.tables("umbilical", _UMBILICAL_KEYS, one=True):
+        yield umbilical(
+            table.number("angle", "deg") * _DEGREE,
+            table.number("radius", "mm", sign="not negative") * _MILLI,
+            table.number("stiffness", "N/m", sign="positive"),
+            table.number("deformation", "mm", sign="positive") * _MILLI,
+            table.number("stroke", "mm", sign="positive") * _MILLI,
+            table.number("friction", "N", sign="not negative"),
+            table.number("engagement", "mm", sign="positive") * _MILLI,
+        )
+
+
 def _force_line(table):
-    lines = {"guided": ForceLine.GUIDED, "strut": ForceLine.STRUT}
+    """The force line, the stowed length of struts [m], and the friction coefficient of the guides."""
+    lines = {line.name.lower(): line for line in ForceLine}
     line = lines[table.choice("force_line", tuple(lines), "guided")]
-    length = table.number("stowed_length", "mm", 0.0 if line is ForceLine.GUIDED else _MISSING, "not negative")
-    if line is ForceLine.GUIDED and length > 0.0:
-        raise table.error("stowed_length", length, "left out for guided springs: only a strut has one")
+    length = table.number("stowed_length", "mm", _MISSING if line is ForceLine.STRUT else 0.0, "not negative")
+    if line is not ForceLine.STRUT and length > 0.0:
+        raise table.error("stowed_length", length, f"left out for {line.name.lower()} springs: only a strut has one")
     if line is ForceLine.STRUT and length == 0.0:
         reason = "a strut whose ends coincide has no direction, and buckles"
         raise table.error("stowed_length", length, f"positive for a strut: {reason}")
-    return line, length * _MILLI
+    friction = table.number("guide_friction", "", 0.0, "not negative")
+    if line is not ForceLine.NORMAL and friction > 0.0:
+        reason = "only the force line 'normal' loads the guides laterally"
+        raise table.error("guide_friction", friction, f"left out for {line.name.lower()} springs: {reason}")
+    return line, length * _MILLI, friction
 
 
 def _attitude(table):
@@ -634,9 +740,22 @@ def _pushed_attitude(table, initial, orbit, way):
     return quaternion_from_matrix(orbit_axes @ body_axes.T)
 
 
+def _recontact(table, orbit):
+    if table is None:
+        return None
+    if orbit is None:
+        raise CaseError(f"{table.file}: the table [recontact] needs the table [orbit]")
+    ends = (table.number(name, "orbits", getattr(Recontact, name)) for name in _TABLE_KEYS["recontact"])
+    try:
+        check_orbit(orbit)
+        return Recontact(*ends)
+    except ValueError as error:
+        raise CaseError(f"{table.file}: [recontact] cannot be used: {error}") from error
+
+
 def _envelope(table):
     if table is None:
-        return None, 0.0, 0.0
+        return None, 0.0, 0.0, None
     if "points" in table:
         for key in ("half_width", "height"):
             if key in table:
@@ -647,8 +766,21 @@ def _envelope(table):
         height = table.number("height", "mm", sign="positive") * _MILLI
         sides = (-half_width, half_width)
         points = np.array([[x, y, z] for y in (0.0, height) for x in sides for z in sides])
-    recess_radius = table.number("recess_radius", "mm", sign="positive") * _MILLI
-    return points, recess_radius, table.number("recess_depth", "mm", sign="positive") * _MILLI
+    planes = [
+        [*_unit_vector(plane, "normal"), plane.number("offset", "mm") * _MILLI]
+        for plane in table.tables("planes", ("normal", "offset"))
+    ]
+    recess_radius = 0.0
+    if "recess_radius" in table or not planes:
+        recess_radius = table.number("recess_radius", "mm", sign="positive") * _MILLI
+    return points, recess_radius, table.number("recess_depth", "mm", sign="positive") * _MILLI, planes or None
+
+
+def _unit_vector(table, key):
+    vector = table.vector(key, "any unit")
+    if not vector.any():
+        raise table.error(key, table.data[key], "a vector that is not 0")
+    return vector / np.linalg.norm(vector)
 
 
 _SCATTER_KEYS = ("sigma", "three_sigma", "plus_minus", "distribution")
@@ -670,7 +802,7 @@ def _inputs(file, entries, separation):
             table = _Table(file, path, entry, tuple(entry))
         else:
             table = _Table(file, path, entry, ("quantity", "description", "mean", *_SCATTER_KEYS))
-        for input_name, target in _targets(table, name, targets, separation):
+        for input_name, target in _targets(table, name, targets):
             if input_name in taken:
                 raise CaseError(f"{file}: {path} gives a second input the name '{input_name}'; names must differ")
             taken.add(input_name)
@@ -678,13 +810,14 @@ def _inputs(file, entries, separation):
     return tuple(inputs)
 
 
-def _targets(table, name, targets, separation):
-    """The (name, target) pairs of one entry: one, or one for each spring."""
+def _targets(table, name, targets):
+    """The (name, target) pairs of one entry: one, or one for each spring or connector."""
     quantity = table.text("quantity")
     base = quantity.removesuffix(".each")
-    if base != quantity and base.startswith("springs.") and f"{base}.1" in targets:
-        count = len(separation.springs)
-        return [(f"{name}_{i}", targets[f"{base}.{i}"]) for i in range(1, count + 1)]
+    if base != quantity and base in targets:
+        single = [key for key in targets if key.rpartition(".")[0] == base]
+        if single:
+            return [(f"{name}_{key.rpartition('.')[2]}", targets[key]) for key in single]
     if quantity not in targets:
         general = [key for key in targets if not key.rsplit(".", 1)[-1].isdigit()]
         hint = did_you_mean(quantity, general) or f" such as {', '.join(general[:3])}, ... ({len(general)} in all)"
@@ -801,6 +934,8 @@ def _requirements(root, separation):
             hint = did_you_mean(quantity, known)
             if quantity == "clearance":
                 hint = "; a clearance needs the table [envelope]"
+            if quantity == "recontact_distance":
+                hint = "; a re-contact distance needs the table [recontact]"
             raise table.error("quantity", quantity, f"one of {', '.join(known)}{hint}")
         limits = [key for key in ("maximum", "minimum") if key in table]
         if len(limits) != 1:

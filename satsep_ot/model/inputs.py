@@ -8,7 +8,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.separation import Separation
-from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 
 _DEGREE = math.pi / 180.0
 _AXES = ("x", "y", "z")
@@ -22,6 +22,17 @@ _SPRING_KEYS = {
     "stroke": ("stroke", "mm", 1e-3, "stroke"),
     "cant": ("cant", "deg", _DEGREE, "tangential cant"),
     "delay": ("delay", "ms", 1e-3, "release delay"),
+    "scale": ("scale", "1", 1.0, "factor of the force"),
+}
+# key of [umbilical] -> (which of its two springs, parameter of it, unit, its size in SI, description)
+_UMBILICAL_KEYS = {
+    "angle": ((0, 1), "angle", "deg", _DEGREE, "angle"),
+    "radius": ((0, 1), "radius", "mm", 1e-3, "radius"),
+    "stiffness": ((0,), "stiffness", "N/m", 1.0, "stiffness"),
+    "deformation": ((0,), "deformation", "mm", 1e-3, "initial deformation"),
+    "stroke": ((0,), "stroke", "mm", 1e-3, "stroke"),
+    "friction": ((1,), "scale", "N", 1.0, "pin friction"),
+    "engagement": ((1,), "stroke", "mm", 1e-3, "engagement of the pins"),
 }
 # Parameters that make no sense below zero, by the end of their names; the first ones not at zero either.
 _POSITIVE = (
@@ -36,7 +47,7 @@ _POSITIVE = (
     "recess.radius",
     "recess.depth",
 )
-_NOT_NEGATIVE = (".radius", ".delay")
+_NOT_NEGATIVE = (".radius", ".delay", ".scale", "guide_friction")
 
 
 @dataclass(frozen=True)
@@ -161,21 +172,83 @@ def scatter_targets(separation: Separation) -> dict[str, Target]:
         for axis in _AXES:
             key = f"{body}.center_of_mass.{axis}"
             targets[key] = Target((key,), "mm", 1e-3, f"centre of mass of the {body} along {axis} from the ring centre")
-    for key, (parameter, unit, factor, description) in _SPRING_KEYS.items():
-        every = tuple(f"springs[{i}].{parameter}" for i in range(len(separation.springs)))
-        targets[f"springs.{key}"] = Target(every, unit, factor, f"{description} of all springs")
-        for i, name in enumerate(every):
-            targets[f"springs.{key}.{i + 1}"] = Target((name,), unit, factor, f"{description} of spring {i + 1}")
+    targets |= _spring_targets(separation)
     for axis in _AXES:
         targets[f"initial.rates.{axis}"] = Target((f"rates.{axis}",), "deg/s", _DEGREE, f"initial rate about {axis}")
         targets[f"initial.mounting_error.{axis}"] = Target(
             (f"mounting_error.{axis}",), "deg", _DEGREE, f"mounting error of the satellite about {axis}"
         )
+        targets[f"impulse.momentum.{axis}"] = Target((f"impulse.{axis}",), "N s", 1.0, f"impulse at t = 0 along {axis}")
+        targets[f"impulse.angular_momentum.{axis}"] = Target(
+            (f"angular_impulse.{axis}",), "N m s", 1.0, f"angular impulse at t = 0 about {axis}"
+        )
     if separation.force_line == ForceLine.STRUT:
         targets["springs.stowed_length"] = Target(("stowed_length",), "mm", 1e-3, "stowed length of the springs")
+    if separation.force_line == ForceLine.NORMAL:
+        targets["springs.guide_friction"] = Target(("guide_friction",), "1", 1.0, "friction coefficient of the guides")
     if separation.envelope is not None:
-        for size in ("radius", "depth"):
+        # Radius 0 is a recess without a cylinder.
+        for size in ("radius", "depth") if separation.recess_radius > 0.0 else ("depth",):
             targets[f"envelope.recess_{size}"] = Target((f"recess.{size}",), "mm", 1e-3, f"{size} of the recess")
+        for i in range(1, len(separation.recess_planes) + 1):
+            targets[f"envelope.planes.{i}.offset"] = Target(
+                (f"planes[{i - 1}].offset",), "mm", 1e-3, f"offset of plane {i} of the recess"
+            )
+    return targets
+
+
+def umbilical_springs(separation: Separation) -> list[int]:
+    """Index of the spring of each umbilical connector: its pins, a friction at the same seat, follow it.
+
+    Parameters
+    ----------
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+
+    Returns
+    -------
+    indices : list of int
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.inputs import umbilical_springs
+    >>> umbilical_springs(load_case("reference").separation)
+    []
+    """
+    springs = separation.springs
+    return [
+        i
+        for i in range(len(springs) - 1)
+        if (springs.laws[i], springs.laws[i + 1]) == (ForceLaw.LINEAR, ForceLaw.FRICTION)
+        and (springs.angle[i], springs.radius[i]) == (springs.angle[i + 1], springs.radius[i + 1])
+    ]
+
+
+def _spring_targets(separation):
+    """The targets of springs and umbilical connectors: of all together, and of each by its number."""
+    connectors = umbilical_springs(separation)
+    springs = [i for i in range(len(separation.springs)) if not {i, i - 1} & set(connectors)]
+    linear = [i for i in springs if separation.springs.laws[i] == ForceLaw.LINEAR]
+    targets = {}
+    for key, (parameter, unit, factor, description) in _SPRING_KEYS.items():
+        # Another law than the linear one has neither stiffness nor deformation.
+        members = linear if key in ("stiffness", "deformation") else springs
+        named = {i + 1: (f"springs[{i}].{parameter}",) for i in members}
+        targets |= _numbered(f"springs.{key}", named, unit, factor, description, "spring")
+    for key, (places, parameter, unit, factor, description) in _UMBILICAL_KEYS.items():
+        named = {n: tuple(f"springs[{i + k}].{parameter}" for k in places) for n, i in enumerate(connectors, start=1)}
+        targets |= _numbered(f"umbilical.{key}", named, unit, factor, description, "umbilical connector")
+    return targets
+
+
+def _numbered(key, named, unit, factor, description, what):
+    """One target for what moves together, and one for each by its number; none where there is nothing."""
+    if not named:
+        return {}
+    every = tuple(parameter for parameters in named.values() for parameter in parameters)
+    targets = {key: Target(every, unit, factor, f"{description} of all {what}s")}
+    for number, parameters in named.items():
+        targets[f"{key}.{number}"] = Target(parameters, unit, factor, f"{description} of {what} {number}")
     return targets
 
 

@@ -5,8 +5,10 @@ import math
 import numpy as np
 import openturns as ot
 
+from satsep_ot.dynamics.invariants import spring_work
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.inputs import ParameterMap, joint_distribution, quantile_range
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
@@ -36,8 +38,9 @@ def push_energy(separation) -> float:
     16.5
     """
     springs = separation.springs
-    way = np.minimum(springs.stroke, springs.deformation)
-    return float(np.sum(springs.stiffness * way * (springs.deformation - 0.5 * way)))
+    linear = springs.laws == ForceLaw.LINEAR
+    way = np.where(linear, np.minimum(springs.stroke, springs.deformation), springs.stroke)
+    return float(spring_work(separation, np.zeros(len(springs)), way).sum())
 
 
 def implausibilities(case) -> list[str]:
@@ -68,17 +71,18 @@ def implausibilities(case) -> list[str]:
 def _of_the_push(separation):
     energy = push_energy(separation)
     inverse = 1.0 / separation.platform.mass + 1.0 / separation.satellite.mass
-    speed = math.sqrt(2.0 * energy * inverse)
+    speed = math.sqrt(max(2.0 * energy * inverse, 0.0))
     if not _SLOWEST <= speed <= _FASTEST:
         yield (
             f"springs: their energy of {energy:.3g} J gives {speed:.3g} m/s; separations have {_SLOWEST:g} to "
             f"{_FASTEST:g} m/s (N/m and mm?)"
         )
-    force = float(np.sum(separation.springs.stiffness * separation.springs.deformation))
+    force = float(np.sum(separation.springs.scale * separation.springs.stiffness * separation.springs.deformation))
     acceleration = force / separation.satellite.mass
     if acceleration > _LARGEST_ACCELERATION:
         yield f"springs: they accelerate the satellite by {acceleration / 9.80665:.3g} g at the start (N/m?)"
-    if np.any(separation.springs.stroke > separation.springs.deformation):
+    springs = separation.springs
+    if np.any((springs.laws == ForceLaw.LINEAR) & (springs.stroke > springs.deformation)):
         yield "springs: a stroke is longer than the deformation; that spring lets go where it is relaxed"
     for axis, rate in zip("xyz", np.degrees(separation.rates), strict=True):
         if abs(rate) > _LARGEST_RATE:
@@ -109,6 +113,7 @@ def _of_the_inputs(case):
         low, high = quantile_range(row.distribution)
         half = 0.5 * (high - low)
         mean = row.distribution.getMean()[0]
+        yield from _beyond_a_table(case.separation, row, high)
         positive = row.unit in ("kg", "N/m") or row.parameters[0].endswith(("inertia.xx", "inertia.yy", "inertia.zz"))
         if positive and half > 3.0 * _LARGEST_RELATIVE_SCATTER * abs(mean):
             yield (
@@ -121,6 +126,20 @@ def _of_the_inputs(case):
                 f"{row.name}: its nominal value, {row.reference:.4g} {row.unit}, is not among the likely ones, "
                 f"{low:.4g} to {high:.4g}: the nominal run is not typical"
             )
+
+
+def _beyond_a_table(separation, row, high):
+    """A stroke that scatters beyond the last row of its spring's table: nothing is known of the force there."""
+    for parameter in row.parameters:
+        if parameter.startswith("springs[") and parameter.endswith(".stroke"):
+            i = int(parameter[8 : parameter.index("]")])
+            stroke = separation.springs.stroke[i] + row.factor * (high - row.reference)
+            table = separation.springs.tables[i]
+            if table is not None and stroke > table[-1, 0]:
+                yield (
+                    f"{row.name}: the stroke of spring {i + 1} reaches {1e3 * stroke:.4g} mm at the 99.9 % quantile, "
+                    f"but its force-stroke table ends at {1e3 * table[-1, 0]:g} mm"
+                )
 
 
 def _of_runs(case):

@@ -4,7 +4,14 @@ import math
 
 import numpy as np
 
-from satsep_ot.dynamics.invariants import angular_momentum
+from satsep_ot.dynamics.invariants import (
+    angular_momentum,
+    guide_loss,
+    kinetic_energy,
+    push_starts,
+    spring_strokes,
+    spring_work,
+)
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.rotations import quaternion_product
 from satsep_ot.dynamics.separation import Status
@@ -53,7 +60,8 @@ def run_document(case: Case, times=(), tolerance: float = 1e-8) -> dict:
     outcome = simulate(separation, tolerance=tolerance)
     status = Status(int(outcome.status[0]))
     quantities = quantity_table(separation)
-    stops = np.unique([0.0, *times])
+    events = [*push_starts(separation), *outcome.release_times[0]]
+    stops = np.unique([0.0, *times, *(time for time in events if math.isfinite(time))])
     path = trajectory(separation, stops, tolerance=tolerance)
     at = dict(zip(stops, path.states, strict=True))
     return {
@@ -64,10 +72,30 @@ def run_document(case: Case, times=(), tolerance: float = 1e-8) -> dict:
         "quantities": {name: _number(outcome.quantity(name)[0]) for name in quantities},
         "units": {name: quantity.unit for name, quantity in quantities.items()},
         "release_times": [_number(time) for time in outcome.release_times[0]],
-        "at_last_release": _motion(path.release_times.max(), path.last_release),
+        "at_last_release": _motion(np.nanmax(path.release_times, initial=0.0), path.last_release),
         "at": [_motion(time, at[time]) for time in times],
+        "energy": _energy(separation, path, at, tolerance),
         "angular_momentum": _momentum(separation, path),
     }
+
+
+def _energy(separation, path, at, tolerance):
+    """The work of each spring on the bodies, the kinetic energy gained by the last release, and the difference [J].
+
+    It is the error of the run, and what gravity did.
+    """
+    if not np.isfinite(path.last_release).all():
+        return None
+
+    def strokes_at(times):
+        # A spring that has failed stays where it is.
+        times = np.where(np.isnan(times), 0.0, times)
+        return [spring_strokes(separation, at[time][None])[0, i] for i, time in enumerate(times)]
+
+    work = spring_work(separation, strokes_at(push_starts(separation)), strokes_at(path.release_times))
+    work -= guide_loss(separation, path.release_times, tolerance)
+    start, end = kinetic_energy(separation, np.array([path.states[0], path.last_release]))
+    return {"spring_work": work.tolist(), "gained": end - start, "error": end - start - work.sum()}
 
 
 def _momentum(separation, path):

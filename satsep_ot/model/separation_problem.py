@@ -151,7 +151,9 @@ class SeparationProblem:
         """The smooth components behind an event, and how they make up the variable that the event compares.
 
         A surrogate of a norm, of an absolute value or of a minimum over time is poor at the kinks; surrogates of what
-        these are taken of are not.
+        these are taken of are not. The smallest distance of a re-contact stands for itself: it is smooth as long as a
+        push along the track opens distance, and bends where the bodies come back to each other, as after a push across
+        the track; algorithms with surrogates need more runs there, or do not converge and say so.
 
         Parameters
         ----------

@@ -112,7 +112,7 @@ def animation_data(separation, runs):
     }
     for label, parameters in runs.items():
         push = compute_motion(separation, parameters, size=_FRAMES)
-        last = float(push.release_times.max())
+        last = float(np.nanmax(push.release_times))
         end = max(1.5 * size / abs(push.velocity[-1]), 3.0 * last)
         flight = compute_motion(separation, parameters, end=end, size=_FRAMES)
         later = flight.times > push.times[-1]
@@ -131,7 +131,7 @@ def animation_data(separation, runs):
             "pushEnd": float(push.times[-1]),
             "release": last,
             "seats": _rounded(np.array(seats)),
-            "releases": _rounded(push.release_times),
+            "releases": [None if np.isnan(time) else time for time in _rounded(push.release_times)],
         }
     return data
 

@@ -6,7 +6,7 @@ A panel draws into the axes given, or into those of a new figure, and returns th
 * ``draw_sufficient_summary(active, values, regression, ax=None, label="", unit="", level=0.95)``
 * ``draw_density(sample, ax=None, density=None, label="", unit="", limit=None, is_maximum=True, probability=None)``
 * ``draw_probabilities(rows, ax=None, title="")``, ``draw_answer(row, allowed=None, ax=None)``
-* ``draw_shares(shares, ax=None, title="", largest=8)``
+* ``draw_shares(shares, ax=None, title="", largest=8, label="share")``
 * ``draw_separation_velocity(motion, ax=None)``, ``draw_rates(motion, ax=None)``, ``draw_strokes(motion, ax=None)``
 
 A figure puts panels of one kind together and is returned; ``save_figure(figure, path)`` writes it:
@@ -543,7 +543,7 @@ def draw_answer(row, allowed=None, ax=None):
     return ax
 
 
-def draw_shares(shares, ax=None, title="", largest=8):
+def draw_shares(shares, ax=None, title="", largest=8, label="share"):
     """Shares as horizontal bars, the largest at the top, what is left over in one bar.
 
     Parameters
@@ -554,6 +554,8 @@ def draw_shares(shares, ax=None, title="", largest=8):
     title : str
     largest : int
         How many have bars of their own.
+    label : str
+        What they are shares of.
 
     Returns
     -------
@@ -578,7 +580,7 @@ def draw_shares(shares, ax=None, title="", largest=8):
     if rest:
         bars[f"{len(rest)} others"] = sum(rest)
     ax = _axes(ax, (PANEL_SIZE[0], 1.2 + 0.3 * len(bars)))
-    _dress(ax, "share [%]", "", title)
+    _dress(ax, f"{label} [%]", "", title)
     places = range(len(bars))
     ax.barh(places, [100.0 * share for share in bars.values()], color=GREY, edgecolor=BLACK, linewidth=1.0)
     for place, share in zip(places, bars.values(), strict=True):
@@ -648,7 +650,7 @@ class Motion(NamedTuple):
     velocity: np.ndarray  # axial separation velocity of the CGs [m/s] (T,)
     rates: np.ndarray  # body rates of the satellite [deg/s] (T, 3)
     strokes: np.ndarray  # of each spring while it pushes, NaN before and after [m] (T, N)
-    release_times: np.ndarray  # [s] (N,)
+    release_times: np.ndarray  # [s] (N,); NaN for a spring that has failed
     release_strokes: np.ndarray  # [m] (N,)
     centres: np.ndarray  # satellite's ring centre from the platform's, in platform axes [m] (T, 3)
     attitudes: np.ndarray  # rotation matrices from satellite to platform axes (T, 3, 3)
@@ -689,7 +691,7 @@ def compute_motion(separation, parameters=None, end=None, size=400):
         raise RuntimeError(f"the separation cannot be drawn: {run.status.sentence}")
     releases = run.release_times
     if end is None:
-        end = 1.5 * releases.max()
+        end = 1.5 * np.nanmax(releases)
     times = np.unique(np.concatenate([np.linspace(0.0, end, size), releases[releases <= end]]))
     states = trajectory(separation, times, parameters).states
     vector = separation.parameters() if parameters is None else np.asarray(parameters, dtype=float)
@@ -708,7 +710,13 @@ def compute_motion(separation, parameters=None, end=None, size=400):
         guide = np.array([-math.sin(cant) * math.sin(angle), math.cos(cant), math.sin(cant) * math.cos(angle)])
         # A stowed strut lies along its guide: its platform seat is recessed so.
         delta = centre + turns @ seat - (seat + stowed * (y - guide))
-        along = delta @ guide if separation.force_line == ForceLine.GUIDED else np.linalg.norm(delta, axis=1) - stowed
+        if separation.force_line == ForceLine.GUIDED:
+            along = delta @ guide
+        elif separation.force_line == ForceLine.STRUT:
+            along = np.linalg.norm(delta, axis=1) - stowed
+        else:
+            plate = turns[:, :, 1]
+            along = np.sum(delta * plate, axis=1) / (plate @ guide)
         pushing = (times >= delay) & (times <= release)
         strokes[pushing, i] = along[pushing]
     return Motion(
@@ -718,7 +726,8 @@ def compute_motion(separation, parameters=None, end=None, size=400):
         rates=np.degrees(states[:, 9:12]),
         strokes=strokes,
         release_times=releases,
-        release_strokes=np.array([np.nanmax(column) for column in strokes.T]),
+        # A spring that has failed never pushes.
+        release_strokes=np.array([np.nanmax(column) if np.isfinite(column).any() else np.nan for column in strokes.T]),
         centres=centre,
         attitudes=turns,
     )
@@ -796,19 +805,20 @@ def draw_strokes(motion, ax=None):
     for i in range(count):
         style, colour = STYLES[i % len(STYLES)], COLOURS[i % len(COLOURS)]
         # Beyond eight springs a legend hides more than it tells.
-        label = f"spring {i + 1}" if count <= 8 else None
+        failed = " (failed)" if np.isnan(motion.release_times[i]) else ""
+        label = f"spring {i + 1}{failed}" if count <= 8 else None
         ax.plot(1e3 * motion.times, 1e3 * motion.strokes[:, i], style, color=colour, marker=MARKERS[i % len(MARKERS)],
                 markersize=5, markevery=(12 * i + 5, 12 * min(count, 8)), label=label)  # fmt: skip
     ax.plot(1e3 * motion.release_times, 1e3 * motion.release_strokes, "*", color=BLACK, markersize=13,
             markerfacecolor="white", label="release", linestyle="none")  # fmt: skip
-    ax.set_ylim(0.0, 1.15e3 * motion.release_strokes.max())
+    ax.set_ylim(0.0, 1.15e3 * np.nanmax(motion.release_strokes))
     ax.legend(fontsize=FONT_SIZE, loc="lower right")
     return ax
 
 
 def _mark_releases(motion, ax):
     """A thin line at each release."""
-    for time in motion.release_times:
+    for time in motion.release_times[np.isfinite(motion.release_times)]:
         line = ax.axvline(1e3 * time, color="0.45", linestyle=":", linewidth=1.2)
     line.set_label("release")
     return line

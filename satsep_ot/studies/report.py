@@ -198,7 +198,8 @@ def _gain(now, then):
     if then["upper95"] >= now["lower95"] and then["lower95"] <= now["upper95"]:
         return "no difference that these runs show"
     ratio = now["probability"] / then["probability"]
-    return f"{ratio:.2g} times less" if ratio > 1.0 else f"{1.0 / ratio:.2g} times more"
+    times, word = (ratio, "less") if ratio > 1.0 else (1.0 / ratio, "more")
+    return f"{times:.2g} times {word}" if times < 100.0 else f"more than 100 times {word}"
 
 
 def _extremes(violation, count=6):

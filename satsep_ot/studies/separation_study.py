@@ -17,6 +17,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.methods.active_dimension import energy_dimension
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
@@ -334,15 +335,17 @@ class SeparationStudy:
         By its importance in the violations that ActiveSubspace saw; without these, by the mean squared derivatives of
         the smooth components. Empty where neither is known.
         """
-        case = self._problem.getCase()
-        result = self._results.get(requirement)
-        shares = {} if result is None else drivers.importance_shares(case, result)
+        shares = self._importanceShares(requirement)
         if shares:
             return shares
         function, _, smooth, _ = self._problem.getComponents(requirement)
         names = [function.getOutputDescription()[index].split(" [")[0] for index in smooth]
         subspaces = [self._components[name].subspace for name in names if name in self._components]
-        return drivers.driver_shares(case, subspaces) if subspaces else {}
+        return drivers.driver_shares(self._problem.getCase(), subspaces) if subspaces else {}
+
+    def _importanceShares(self, requirement):
+        result = self._results.get(requirement)
+        return {} if result is None else drivers.importance_shares(self._problem.getCase(), result)
 
     def getTolerances(self):
         """What halving a tolerance buys: for each requirement, a dictionary for each tolerance tried."""
@@ -457,14 +460,18 @@ class SeparationStudy:
         """Sentences on what the numbers rest on, for this case."""
         case = self._problem.getCase()
         separation = case.separation
-        line = separation.force_line.name.lower()
         gravity = "Without gravity."
         if separation.orbit is not None:
             torque = "with" if separation.gradient_torque else "without"
             gravity = f"With the difference of gravity between the bodies, {torque} the gravity-gradient torque."
-        push = "along an axis fixed in the platform" if line == "guided" else "along the line between its seats"
+        push = {
+            ForceLine.GUIDED: "along an axis fixed in the platform",
+            ForceLine.STRUT: "along the line between its seats",
+            ForceLine.NORMAL: "as a foot, square to the satellite's plate",
+        }[separation.force_line]
+        line = {ForceLine.GUIDED: "guided", ForceLine.STRUT: "struts", ForceLine.NORMAL: "feet"}[separation.force_line]
         return [
-            "Both bodies are rigid; the platform and the satellite touch nothing but the springs after the command.",
+            "Both bodies are rigid; after the command they touch nothing but the springs and connectors of the case.",
             f"The springs are {line}: each pushes {push}, without mass or friction of its own unless the case says so, "
             "and lets go once and for all at the end of its stroke.",
             gravity,
@@ -551,7 +558,9 @@ class SeparationStudy:
         for requirement in self._problem.getRequirementNames():
             shares = self.getDriverShares(requirement)
             if shares:
-                ax = figures.draw_shares(shares, title=requirement)
+                seen = self._importanceShares(requirement)
+                label = "share in the violations" if seen else "share in the squared sensitivity"
+                ax = figures.draw_shares(shares, title=requirement, label=label)
                 yield "drivers", requirement, f"shares of the tolerances in {requirement}", ax.figure
         for requirement, halved in self._tolerances.items():
             best = best_row(self._rowsOf(requirement))

@@ -31,8 +31,10 @@ ot.TBB.SetThreadsNumber(1)
 SEED = 0
 DEGREE = 4
 PREDICTIONS = (1_000, 10_000)
-# A contender leaves the rounds when it has had this many seconds, but not before three of them.
-PATIENCE = 1.0
+# A contender leaves the rounds when it has had this many seconds, but not before two of them.
+PATIENCE = 0.5
+# Seconds of a call whose first one counts.
+LONG = 0.3
 # Seconds that a turn takes at least, with this number of calls at most.
 TURN = 0.002
 CALLS = 50
@@ -40,17 +42,18 @@ ROUNDS = 200
 
 
 def take_turns(contenders, rounds=ROUNDS):
-    """Seconds of a call in each turn, a dict of name to list; a first turn of each is not counted."""
-    calls = {}
+    """Seconds of a call in each turn, a dict of name to list; the first turn of a short one is not counted."""
+    calls, seconds = {}, {}
     for name, contender in contenders.items():
-        contender()
-        calls[name] = min(CALLS, math.ceil(TURN / timed(contender, 1)))
-    seconds = {name: [] for name in contenders}
+        first = timed(contender, 1)
+        if first < LONG:
+            first = timed(contender, 1)
+        calls[name] = min(CALLS, math.ceil(TURN / first))
+        seconds[name] = [first] if first >= LONG else []
     for _ in range(rounds):
         for name, contender in contenders.items():
-            if calls[name] * sum(seconds[name]) > PATIENCE and len(seconds[name]) >= 3:
-                continue
-            seconds[name].append(timed(contender, calls[name]))
+            if len(seconds[name]) < 2 or calls[name] * sum(seconds[name]) < PATIENCE:
+                seconds[name].append(timed(contender, calls[name]))
     return seconds
 
 

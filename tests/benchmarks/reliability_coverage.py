@@ -2,7 +2,7 @@
 
     python tests/benchmarks/reliability_coverage.py [--problems P1 P2 ...] [--modes fast safe] [--repetitions 200]
 
-A problem is one of getBenchmarkProblems(); every run counts, those of learning too, and no gradient is used.
+A problem is one of those of `satsep-ot benchmark`; every run counts, those of learning too, and no gradient is used.
 """
 
 import argparse
@@ -12,20 +12,12 @@ from importlib import metadata
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.studies.method_benchmark import benchmark_tasks
 
 # Runs that each problem may take; elsewhere the default of the algorithm.
 LIMITS = {"P6": 20_000, "P7": 20_000}
 PROBLEMS = ("P1", "P2", "P3", "P4", "P5", "P6", "P7")
-
-
-def task(name):
-    """Event, components and probability of a problem."""
-    problem = getBenchmarkProblem(name)
-    function, composition = problem.getComponents()
-    components = (function, composition) if function.getOutputDimension() > 1 else None
-    return problem.getEvent(), components, problem.getProbability()
 
 
 def repeat(event, components, mode, limit, seed):
@@ -59,7 +51,7 @@ def summary(name, mode, truth, rows, seconds):
     known = claimed[np.isfinite(claimed)]
     squared = (known**2).mean() if len(known) else np.inf
     return (
-        f"{name:15s} {mode:4s} {truth:10.3e} {runs.mean():7.0f} {runs.max():7.0f} {100 * (ratio.mean() - 1):+8.2f} "
+        f"{name:25s} {mode:4s} {truth:10.3e} {runs.mean():7.0f} {runs.max():7.0f} {100 * (ratio.mean() - 1):+8.2f} "
         f"{100 * ratio.std(ddof=1) / np.sqrt(len(rows)):6.2f} "
         f"{100 * np.sqrt(((ratio - 1) ** 2).mean()):8.2f} {100 * np.sqrt(squared):8.2f} "
         f"{100 * covered.mean():6.1f} {100 * (truth < lower).mean():6.1f} {100 * (truth > upper).mean():6.1f} "
@@ -77,20 +69,20 @@ def main():
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("satsep-ot", "openturns", "numpy", "scipy"))
     print(f"{options.repetitions} repetitions, seeds from {options.seed}; {versions}")
     print(
-        f"{'':15s} {'':4s} {'':>10s} {'mean':>7s} {'most':>7s} {'bias':>8s} {'+-':>6s} {'error':>8s} {'claimed':>8s} "
+        f"{'':25s} {'':4s} {'':>10s} {'mean':>7s} {'most':>7s} {'bias':>8s} {'+-':>6s} {'error':>8s} {'claimed':>8s} "
         f"{'inside':>6s} {'below':>6s} {'above':>6s} {'conv.':>6s} {'handed':>6s} {'seconds':>7s}"
     )
     print(
-        f"{'problem':15s} {'mode':4s} {'truth':>10s} {'runs':>7s} {'runs':>7s} {'[%]':>8s} {'[%]':>6s} {'[%]':>8s} "
+        f"{'problem':25s} {'mode':4s} {'truth':>10s} {'runs':>7s} {'runs':>7s} {'[%]':>8s} {'[%]':>6s} {'[%]':>8s} "
         f"{'[%]':>8s} {'[%]':>6s} {'[%]':>6s} {'[%]':>6s} {'[%]':>6s} {'[%]':>6s} {'each':>7s}"
     )
     for name in options.problems:
-        event, components, truth = task(name)
+        (task,) = benchmark_tasks([name])
         for mode in options.modes:
             start = time.perf_counter()
             seeds = range(options.seed, options.seed + options.repetitions)
-            rows = [repeat(event, components, mode, LIMITS.get(name, 5000), seed) for seed in seeds]
-            print(summary(name, mode, truth, rows, time.perf_counter() - start), flush=True)
+            rows = [repeat(task.event, task.components, mode, LIMITS.get(name, 5000), seed) for seed in seeds]
+            print(summary(name, mode, task.probability, rows, time.perf_counter() - start), flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,126 @@
+"""Measured force-stroke tables: read from a CSV file, checked row by row."""
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+_MAXIMUM_ROWS = 1000
+_HEADER = "a header such as 'stroke_mm,force_N'"
+
+
+def read_force_table(path) -> np.ndarray:
+    """Read a force-stroke table from a CSV file of two columns: a header, then rows of stroke [mm] and force [N].
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    table : ndarray, shape (K, 2)
+        As `checked_force_table` returns it.
+
+    Raises
+    ------
+    ValueError
+        In one sentence that names the file, and where it is a row that is wrong, the row and its value. The header is
+        row 1, as in a spreadsheet.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.force_table import read_force_table
+    >>> try:
+    ...     read_force_table("nothing.csv")
+    ... except ValueError as error:
+    ...     print(error)
+    nothing.csv: there is no such file
+    """
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            lines = [(number, cells) for number, cells in enumerate(csv.reader(stream), start=1) if any(cells)]
+    except FileNotFoundError as error:
+        raise ValueError(f"{path}: there is no such file") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: the file is not UTF-8 text") from error
+    except (OSError, ValueError, csv.Error) as error:
+        raise ValueError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if not lines:
+        raise ValueError(f"{path}: the file is empty; {_HEADER} and two or more rows are needed")
+    number, header = lines[0]
+    if not any(math.isnan(_parsed(cell)) for cell in header):
+        raise ValueError(f"{path}: row {number} = {','.join(header)!r} holds numbers; {_HEADER} is needed there")
+    return checked_force_table(
+        [[_parsed(cell) for cell in cells] for _, cells in lines[1:]],
+        str(path),
+        [number for number, _ in lines[1:]],
+        [",".join(cells) for _, cells in lines[1:]],
+    )
+
+
+def checked_force_table(rows, where: str, numbers=None, shown=None) -> np.ndarray:
+    """A force-stroke table from its rows, if they are such a table.
+
+    Parameters
+    ----------
+    rows : list of [stroke, force]
+        In mm and N.
+    where : str
+        What the table is called, for messages.
+    numbers : sequence of int, optional
+        What each row is called, by default from 1.
+    shown : sequence of str, optional
+        What was given in each row.
+
+    Returns
+    -------
+    table : ndarray, shape (K, 2)
+        Stroke [m], from 0, strictly ascending, and force [N], not negative.
+
+    Raises
+    ------
+    ValueError
+        In one sentence that names the row and its value.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.force_table import checked_force_table
+    >>> checked_force_table([[0.0, 220.0], [30.0, 55.0]], "springs.table").tolist()
+    [[0.0, 220.0], [0.03, 55.0]]
+    >>> try:
+    ...     checked_force_table([[0.0, 220.0], [30.0, 55.0], [20.0, 80.0]], "springs.table")
+    ... except ValueError as error:
+    ...     print(error)
+    springs.table: row 3 = [20.0, 80.0]: the stroke must be above that of the row before, 30 mm
+    """
+    numbers = range(1, len(rows) + 1) if numbers is None else numbers
+    shown = [str(row) for row in rows] if shown is None else shown
+    if not 2 <= len(rows) <= _MAXIMUM_ROWS:
+        raise ValueError(f"{where}: {len(rows)} rows of stroke [mm] and force [N]; 2 to {_MAXIMUM_ROWS} are needed")
+    before = None
+    for number, row, text in zip(numbers, rows, shown, strict=True):
+        place = f"{where}: row {number} = {text}"
+        if not isinstance(row, list) or len(row) != 2 or not all(_is_number(value) for value in row):
+            raise ValueError(f"{place}: two finite numbers, stroke [mm] and force [N], are needed")
+        stroke, force = row
+        if before is None and stroke != 0.0:
+            raise ValueError(f"{place}: the first stroke must be 0 mm, where the spring is stowed")
+        if before is not None and stroke <= before:
+            raise ValueError(f"{place}: the stroke must be above that of the row before, {before:g} mm")
+        if force < 0.0:
+            raise ValueError(f"{place}: the force must not be negative: a spring pushes")
+        before = stroke
+    return np.array(rows, dtype=float) * [1e-3, 1.0]
+
+
+def _parsed(cell):
+    try:
+        return float(cell)
+    except ValueError:
+        return math.nan
+
+
+def _is_number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e30
