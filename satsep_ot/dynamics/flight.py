@@ -40,7 +40,7 @@ from satsep_ot.dynamics.separation import (
     STOWED,
     Status,
 )
-from satsep_ot.dynamics.springs import FRICTION, LINEAR, STRUT, TABLE, add_to_sums, next_knot, table_law
+from satsep_ot.dynamics.springs import FRICTION, LINEAR, STRUT, TABLE, add_to_sums, law, next_knot
 from satsep_ot.dynamics.system import (
     ACTIVE,
     ALLOWED,
@@ -192,11 +192,11 @@ def place_springs(p, c, marks):
             energy += scale * p[q + 2] * stroke * (2.0 * p[q + 3] - stroke)
             deformation = max(deformation, p[q + 3])
         elif kind != FRICTION:
-            # The chords of the table: slopes and work close enough for a step size and a typical velocity.
+            # Another law: slopes and work close enough for a step size and a typical velocity.
             steepest = 0.0
             for n in range(8):
                 z = stroke * n / 8.0
-                value, slope, _, _ = table_law(c, marks, i, z)
+                value, slope, _, _ = law(c, marks, i, z)
                 steepest = max(steepest, abs(slope))
                 energy += scale * 2.0 * abs(value) * stroke / 8.0
             stiffness += scale * steepest
@@ -461,6 +461,16 @@ def step_method(h, short):
 
 
 @njit(**KERNEL)
+def leave(follow, i, step, base, h, method, clearance):
+    """Keep how point i left the recess."""
+    follow.step[i] = step
+    follow.base[i] = base
+    follow.h[i] = h
+    follow.method[i] = method
+    follow.clearance[i] = clearance
+
+
+@njit(**KERNEL)
 def locate_exit(step, tape, h, w, c, marks, follow, i, short):
     """Find and keep the instant at which point i leaves the recess, which it did in `step`, at about its time h.
 
@@ -482,13 +492,10 @@ def locate_exit(step, tape, h, w, c, marks, follow, i, short):
         change = (depth - follow.room[1]) / follow.room[4]
         if abs(change) < 1e-6:
             break
-    follow.step[i] = step
-    follow.base[i] = base
-    follow.h[i] = h
-    follow.method[i] = step_method(h, short)
     # What is left of the way is a straight line: 1e-12 s^2 of acceleration at most.
     clearance, wall = nearest_wall(c, marks, follow.room)
-    follow.clearance[i] = clearance - change * wall_growth(c, marks, wall, follow.room)
+    clearance -= change * wall_growth(c, marks, wall, follow.room)
+    leave(follow, i, step, base, h, step_method(h, short), clearance)
     note_clearance(follow, follow.clearance[i], i, AT_EXIT, step, h, x)
     return h if base == step else h + tape.h[step]
 
@@ -666,11 +673,17 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
     forget_slopes(w)
     inside = marks[POINT_NUMBER]
     follow.closest[0] = np.inf
-    for i in range(inside):
+    for i in range(marks[POINT_NUMBER]):
         follow.step[i] = -1
         point_motion(x, c, marks, i, follow.start[i])
         clearance, _ = nearest_wall(c, marks, follow.start[i])
         note_clearance(follow, clearance, i, AT_START, FIRST, 0.0, x)
+        if follow.start[i, 1] >= c[DEPTH]:
+            # Out of the recess from the start on, by its scatter: a step of no length leads to its "exit".
+            leave(follow, i, FIRST, FIRST, 0.0, FOURTH_ORDER, clearance)
+            inside -= 1
+            for n in range(STATE_SIZE):
+                follow.x[i, n] = x[n]
     stop = FIRST
     last = FIRST
     step = FIRST

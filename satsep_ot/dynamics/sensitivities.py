@@ -860,7 +860,9 @@ def branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail,
                     clearance_adjoint(follow.closest_x, closest, lane, INSIDE, c, marks, BRANCH, follow, tail, a)
                     used = True
             elif column == STATE_SIZE + 2 + i or (column == STATE_SIZE + 1 and kind == AT_EXIT and closest == i):
-                clearance_adjoint(follow.x[i], i, lane, AT_EXIT, c, marks, BRANCH, follow, tail, a)
+                # A step of no length: the point was out from the start on, and its time does not move.
+                moves = AT_EXIT if follow.h[i] != 0.0 else INSIDE
+                clearance_adjoint(follow.x[i], i, lane, moves, c, marks, BRANCH, follow, tail, a)
                 used = True
         if used:
             h = follow.h[i] if i < point_number else follow.closest[4]

@@ -199,9 +199,16 @@ class Springs:
 def _checked_table(i, table, stroke):
     """The force-stroke table of spring i as an array, or an error that says what is wrong with it."""
     table = np.asarray(table, dtype=float)
-    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2 or not np.isfinite(table).all():
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
         raise ValueError(
-            f"springs.tables[{i}] has shape {table.shape}; two or more finite rows of stroke [m] and force [N] needed"
+            f"springs.tables[{i}] has shape {table.shape}; two or more rows of stroke [m] and force [N] are needed"
+        )
+    wrong = np.argwhere(~np.isfinite(table) | (table < [-np.inf, 0.0]))
+    if wrong.size:
+        row, column = wrong[0]
+        raise ValueError(
+            f"springs.tables[{i}]: {('stroke', 'force')[column]} = {table[row, column]} in row {row}; finite strokes "
+            "and forces that are finite and not negative are allowed"
         )
     back = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if back.size:
@@ -375,7 +382,8 @@ class Separation:
             object.__setattr__(self, "envelope", points)
             if self.recess_points().size == 0:
                 raise ValueError(
-                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m; give one that does"
+                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m (struts add their stowed length "
+                    "to y); give one that does"
                 )
         problem = invalid_parameter(self, self.parameters())
         if problem:
@@ -407,7 +415,7 @@ class Separation:
         """The envelope points that start in the recess, shape (E', 3) [m]: those whose clearance is followed."""
         if self.envelope is None:
             return np.empty((0, 3))
-        y = self.envelope[:, 1]
+        y = self.envelope[:, 1] + self.stowed_length  # a strut's satellite stands that much above the ring plane
         return self.envelope[(y >= 0.0) & (y < self.recess_depth)]
 
     def platform_orbit(self):

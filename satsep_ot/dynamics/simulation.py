@@ -332,10 +332,11 @@ def base_size(separation):
 
 def _coast(separation, parameters, base, gradient=False):
     """Smallest distance in the window of re-contact, its time, and its gradient; see `relative_orbit`."""
-    return closest_approaches(
-        base[:, :STATE_SIZE], base[:, STATE_SIZE], parameters[:, [PLATFORM, SATELLITE]], stack_orbit(separation),
-        separation.recontact, gradient,
-    )  # fmt: skip
+    with np.errstate(over="ignore", invalid="ignore"):
+        return closest_approaches(
+            base[:, :STATE_SIZE], base[:, STATE_SIZE], parameters[:, [PLATFORM, SATELLITE]], stack_orbit(separation),
+            separation.recontact, gradient,
+        )  # fmt: skip
 
 
 def _simulate(separation, parameters, stops, tolerance, columns=None):
@@ -361,11 +362,15 @@ def _simulate(separation, parameters, stops, tolerance, columns=None):
             sweep_rows(first, end, rows, store, status, last, columns, room, gradients)
 
     _in_threads(n, RUN_CHUNK if columns is None else SWEEP_CHUNK, job)
+    if separation.recontact is not None:
+        base[:, -1] = np.nan
+        flown = status == Status.OK
+        base[flown, -1] = _coast(separation, rows[flown], base[flown])[0]
+        # Velocities of 1e150 m/s and the like: no orbit.
+        status[flown & ~np.isfinite(base[:, -1])] = Status.STEP_UNDERFLOW
     failed = status != Status.OK
     base[failed] = np.nan
     states[failed] = np.nan
-    if separation.recontact is not None:
-        base[:, -1] = _coast(separation, rows, base)[0]
     return Outcome(separation, rows, base, release_times, status, steps), states, gradients
 
 
@@ -422,7 +427,7 @@ def trajectory(separation, times, parameters=None, tolerance=1e-8):
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) < 0.0).any() or (times < 0.0).any():
-        raise ValueError("times: finite, ascending times that are not negative are allowed")
+        raise ValueError(f"times = {times.tolist()}; finite, ascending times that are not negative are allowed [s]")
     outcome, states, _ = _simulate(
         separation, None if parameters is None else np.atleast_2d(parameters)[:1], times, tolerance
     )
