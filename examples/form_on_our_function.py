@@ -8,7 +8,6 @@ The event is not one of the case: a separation that is too fast for the satellit
 """
 
 import openturns as ot
-import openturns.viewer as otv
 
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -32,5 +31,3 @@ print(f"P(axial velocity > 0.606 m/s) by FORM: {result.getEventProbability():.2e
 print(f"reliability index {result.getHasoferReliabilityIndex():.3f}")
 for index in order[:5]:
     print(f"  {distribution.getDescription()[index]:22} {100.0 * factors[index]:5.1f} %")
-
-view = otv.View(result.drawImportanceFactors())
