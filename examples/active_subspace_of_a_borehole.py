@@ -10,6 +10,7 @@ derivatives in surface prediction", Technometrics 35 (1993). Eight inputs, one d
 
 import numpy as np
 import openturns as ot
+import openturns.viewer as otv
 
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
@@ -61,3 +62,5 @@ sample = np.array(flow(distribution.getSample(100_000)))[:, 0]
 for limit in (120.0, 150.0):
     share = np.mean(sample > limit)
     print(f"P(flow > {limit:.0f} m3/yr): surrogate {law.computeComplementaryCDF(limit):.2e}, Monte Carlo {share:.2e}")
+
+view = otv.View(subspace.drawSufficientSummary())

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import openturns as ot
+import openturns.viewer as otv
 
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 
@@ -71,3 +72,5 @@ print(f"{result.getEvaluationNumber()} runs of the program, {result.getGradientN
 # The same runs say which input drives the failures.
 for row in sorted(result.computeImportance(), key=lambda row: -row.share)[:3]:
     print(f"  {row.input:10} {100.0 * row.share:5.1f} %, {row.shift:+.2f} standard deviations in failure")
+
+view = otv.View(result.drawImportance())

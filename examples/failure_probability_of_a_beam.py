@@ -8,6 +8,7 @@ The beam is that of OpenTURNS' own use cases; Monte Carlo stands beside it to ch
 """
 
 import openturns as ot
+import openturns.viewer as otv
 from openturns.usecases import cantilever_beam
 
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
@@ -38,3 +39,5 @@ share, size = check.getProbabilityEstimate(), check.getOuterSampling() * check.g
 bounds = check.getProbabilityDistribution().computeBilateralConfidenceInterval(0.95)
 lower, upper = bounds.getLowerBound()[0], bounds.getUpperBound()[0]
 print(f"Monte Carlo {share:.3e} [{lower:.3e}, {upper:.3e}] by {size:,} evaluations")
+
+view = otv.View(result.drawConvergence())

@@ -15,8 +15,8 @@ ALLOWED = {
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "jinja2", "markupsafe", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
-    "abc", "base64", "collections", "concurrent", "contextlib", "csv", "dataclasses", "datetime", "difflib", "enum",
-    "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "re",
+    "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "dataclasses", "datetime", "difflib",
+    "enum", "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "re",
     "tempfile", "time", "tomllib", "types", "typing", "warnings", "zipfile",
 }  # fmt: skip
 

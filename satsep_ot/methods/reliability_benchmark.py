@@ -36,6 +36,13 @@ class BenchmarkTask:
         Arguments of :meth:`ActiveSubspaceReliability.setComponents`.
     gradientCost : float
         Evaluations that one gradient is worth in time.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+    >>> from satsep_ot.methods.reliability_benchmark import BenchmarkTask
+    >>> BenchmarkTask.of(getBenchmarkProblem("RP54")).name
+    'RP54'
     """
 
     name: str

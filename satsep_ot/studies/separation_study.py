@@ -141,7 +141,7 @@ class SeparationStudy:
 
     def computeSample(self):
         """Run the Monte Carlo sample; it gives the distributions of the quantities, and a row for each requirement."""
-        self._progress("compiling the simulator, if this has not been done before", 0.0)
+        self._progress("compiling the simulator, once", 0.0)
         model = SeparationFunction(self._problem.getCase())
         distribution = self._problem.getDistribution()
         self._start("sample")
