@@ -382,8 +382,8 @@ class Separation:
             object.__setattr__(self, "envelope", points)
             if self.recess_points().size == 0:
                 raise ValueError(
-                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m (struts add their stowed length "
-                    "to y); give one that does"
+                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m (struts add their stowed "
+                    "length to y); give one that does"
                 )
         problem = invalid_parameter(self, self.parameters())
         if problem:
