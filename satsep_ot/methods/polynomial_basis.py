@@ -514,28 +514,34 @@ def _normal_equations(basis, points, columns, weights):
 
     By blocks of points: the design is never stored as a whole, and a block of it stays in the cache.
     """
-    size = basis.size
-    width = size + columns.shape[1]
+    width = basis.size + columns.shape[1]
     scale = None if weights is None else np.sqrt(weights)
     block = max(256, BLOCK_NUMBERS // width)
-    buffer = np.empty((width, min(block, len(points))))
-    normal = None
+    if len(points) <= block:
+        return _normal_part(basis, points, columns, scale, np.empty((width, len(points))))
+    buffer = np.empty((width, block))
+    normal = np.zeros((basis.size, width))
     for start in range(0, len(points), block):
         some = slice(start, start + block)
         system = buffer[:, : len(points) - start]
-        design = system[:size]
-        basis._evaluate_block(points[some], design)
-        system[size:] = columns[some].T
-        if scale is not None:
-            system *= scale[some]
-        if size < SYMMETRIC_PRODUCT_SIZE:
-            part = design.dot(system.T)
-        else:
-            part = np.empty((size, width))
-            np.matmul(design, design.T, out=part[:, :size])
-            np.matmul(design, system[size:].T, out=part[:, size:])
-        normal = part if normal is None else np.add(normal, part, out=normal)
+        normal += _normal_part(basis, points[some], columns[some], None if scale is None else scale[some], system)
     return normal
+
+
+def _normal_part(basis, points, columns, scale, system):
+    """The normal equations of a block; ``system`` (size + p, n) is memory for the scaled design and outputs."""
+    size = basis.size
+    design = system[:size]
+    basis._evaluate_block(points, design)
+    system[size:] = columns.T
+    if scale is not None:
+        system *= scale
+    if size < SYMMETRIC_PRODUCT_SIZE:
+        return design.dot(system.T)
+    part = np.empty((size, len(system)))
+    np.matmul(design, design.T, out=part[:, :size])
+    np.matmul(design, system[size:].T, out=part[:, size:])
+    return part
 
 
 def _factorise(basis, points, columns, weights):

@@ -9,6 +9,7 @@ installed. Run as
     OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 python tests/benchmarks/regression_speed.py
 """
 
+import gc
 import importlib.util
 import math
 import os
@@ -58,10 +59,14 @@ def take_turns(contenders, rounds=ROUNDS):
 
 
 def timed(contender, calls):
+    """Seconds of a call, without the garbage collector, as timeit does: the garbage may be that of others."""
+    gc.disable()
     start = time.process_time()
     for _ in range(calls):
         contender()
-    return (time.process_time() - start) / calls
+    seconds = (time.process_time() - start) / calls
+    gc.enable()
+    return seconds
 
 
 def ratio(seconds, reference):
