@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL, known
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE, known
 from satsep_ot.dynamics.gravity import ANCHOR_LIFE, move_anchor, place_anchor
 from satsep_ot.dynamics.integration import (
     EIGHTH_ORDER,
@@ -648,7 +648,7 @@ def start_springs(c, marks, w, release_time):
     return number, pushers
 
 
-@njit(**KERNEL)
+@njit(**ONCE)
 def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow, release_time, stop_x):
     """Simulate one run; returns (status, number of steps, index of the tape state at the last release).
 
