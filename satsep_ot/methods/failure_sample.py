@@ -21,7 +21,7 @@ _LEVELS = np.array([0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98])
 _SMALLEST_JUMP = 1e-3
 _LEGENDRE_DEGREE = 3
 # Re-weighted runs are trusted down to this effective number of failures.
-_SMALLEST_EFFECTIVE_SIZE = 30.0
+_SMALLEST_EFFECTIVE_SIZE = 20.0
 
 
 @dataclasses.dataclass

@@ -346,7 +346,7 @@ class ActiveSubspaceReliability:
                 )
                 return
             self._calibrate(runs)
-            self._fit(reselect=self._used() >= 2.0 * self._selectedAt)
+            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
             # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
             # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
             refitted = self._propose() or self._propose()
@@ -443,7 +443,7 @@ class ActiveSubspaceReliability:
         size = _POOL_SIZE if k <= _SINGLE_SPACE else _POOL_SIZE // 2
         pool = Pool.draw(mixture, size, generator)
         value, scale = surrogate.limitState(pool.points)
-        failure = ndtr(-value / scale)
+        failure = self._withNonFinite(ndtr(-value / scale))
         probability, variance = pool.expectation(failure)
         if probability < _SMALLEST_PROBABILITY:
             return None
@@ -457,6 +457,14 @@ class ActiveSubspaceReliability:
         selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
         exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
         return _Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
+
+    def _withNonFinite(self, failure):
+        """The probability of failure where some runs have no finite value, which the surrogate knows nothing of."""
+        count = self._limitState.nonFiniteNumber
+        if count == 0:
+            return failure
+        share = count / self._used()
+        return failure * (1.0 - share) + share * (self._nonFinitePolicy == "failure")
 
     def _modes(self) -> ModeMixture | None:
         """A mixture for each group of components that fail together, in their own subspace; None where there is a
