@@ -663,7 +663,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
     if not valid:
         return INVALID_PARAMETERS, 0, 0
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
-    short = (4.0 * tolerance) ** 0.2 / frequency
+    short = (0.6 * tolerance) ** 0.2 / frequency
     h_next = 9.0 * tolerance**0.125 / frequency
     step_tolerance = max(STEP_MARGIN * tolerance, 1e-13)
     number, pushers = start_springs(c, marks, w, release_time)
@@ -841,7 +841,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 rate = 1e-2
                 for n in range(6, 12):
                     rate += abs(new[n])
-                short = (4.0 * tolerance) ** 0.2 / rate
+                short = (0.6 * tolerance) ** 0.2 / rate
         elif event == PUSH_STARTS:
             start_push(which, c, marks, w)
     return OK, step, last
