@@ -455,3 +455,14 @@ def test_scores_are_drawn_largest_first_with_their_names():
     assert [np.array(bar.getData())[:, 1].max() for bar in bars] == pytest.approx([9.0, 1.0, 0.01])
     text = graph.getDrawables()[-1]
     assert list(text.getTextAnnotations()) == ["large", "middle", "small"]
+
+
+def test_the_subspace_error_lies_in_its_band_and_is_nothing_for_a_ridge():
+    law = ot.Normal(4)
+    plain = result_of(ot.SymbolicFunction(list("abcd"), ["exp(a + 0.5*b) + 0.3*c^2 + 0.1*d"]), law, setSamplingSize=60)
+    error, band = np.array(plain.getSubspaceError()), plain.getSubspaceErrorInterval()
+    assert (np.array(band.getLowerBound()) <= error).all()
+    assert (error <= np.array(band.getUpperBound())).all()
+    assert 0.0 < error[0] < 1.0
+    ridge = result_of(ot.SymbolicFunction(list("abcd"), ["exp(a + 0.5*b - d)"]), law, setSamplingSize=60)
+    assert ridge.getSubspaceError()[0] < 1e-7

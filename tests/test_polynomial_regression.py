@@ -343,3 +343,17 @@ def test_constant_output_has_no_scores():
     regression.run()
     with pytest.raises(ValueError, match="constant"):
         regression.getResult().getQ2LeaveOneOut()
+
+
+def test_hyperbolic_set_rank_and_leverages():
+    total, hyperbolic = (fitted(LAWS["normal"], noise=0.1, setHyperbolicNorm=norm) for norm in (1.0, 0.5))
+    # Of degree 4 in three variables: 35 terms, against those with (sum of square roots)^2 <= 4.
+    assert (total.getRank(), hyperbolic.getRank()) == (35, 16)
+    for result in (total, hyperbolic):
+        leverages = np.array(result.getLeverages())
+        # The hat matrix is a projection: its trace is its rank, its diagonal lies between 0 and 1.
+        assert leverages.sum() == pytest.approx(result.getRank(), rel=1e-10)
+        assert leverages.min() > 0.0
+        assert leverages.max() < 1.0
+    with pytest.raises(ValueError, match=r"in \(0, 1\], got 1.5"):
+        fitted(LAWS["normal"], setHyperbolicNorm=1.5)
