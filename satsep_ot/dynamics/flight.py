@@ -30,9 +30,13 @@ from satsep_ot.dynamics.integration import (
 from satsep_ot.dynamics.rigid_body import seat_motion, times
 from satsep_ot.dynamics.rotations import quaternion_from_rotation_vector, rotation_matrix_elements
 from satsep_ot.dynamics.separation import (
+    ANGULAR_IMPULSE,
     COMMON_SIZE,
     FRICTION_COEFFICIENT,
+    IMPULSE,
+    MOUNTING_ERROR,
     PLATFORM,
+    RATES,
     RECESS_DEPTH,
     RECESS_RADIUS,
     SATELLITE,
@@ -238,7 +242,7 @@ def prepare(p, orbit, c, marks, x):
             c[ANCHOR + n] = orbit[1 + n]
         place_anchor(c)
     physical, stiffness, energy, arm1, arm2, shortest, deformation = place_springs(p, c, marks)
-    q0, q1, q2, q3 = quaternion_from_rotation_vector(p[23], p[24], p[25])
+    q0, q1, q2, q3 = quaternion_from_rotation_vector(p[MOUNTING_ERROR], p[MOUNTING_ERROR + 1], p[MOUNTING_ERROR + 2])
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(q0, q1, q2, q3)
     # The satellite's CG from the ring centre, in platform axes.
     ux = r00 * p[17] + r01 * p[18] + r02 * p[19]
@@ -248,34 +252,34 @@ def prepare(p, orbit, c, marks, x):
     dy = uy - p[8] + stowed
     dz = uz - p[9]
     # Bolts or clamp band: Delta p at the ring centre and Delta h on the satellite, the opposite on the platform.
-    ix = p[29]
-    iy = p[30]
-    iz = p[31]
+    ix = p[IMPULSE]
+    iy = p[IMPULSE + 1]
+    iz = p[IMPULSE + 2]
     x[0] = dx
     x[1] = dy
     x[2] = dz
-    x[3] = p[21] * dz - p[22] * dy + c[INVERSE_REDUCED_MASS] * ix
-    x[4] = p[22] * dx - p[20] * dz + c[INVERSE_REDUCED_MASS] * iy
-    x[5] = p[20] * dy - p[21] * dx + c[INVERSE_REDUCED_MASS] * iz
+    x[3] = p[RATES + 1] * dz - p[RATES + 2] * dy + c[INVERSE_REDUCED_MASS] * ix
+    x[4] = p[RATES + 2] * dx - p[RATES] * dz + c[INVERSE_REDUCED_MASS] * iy
+    x[5] = p[RATES] * dy - p[RATES + 1] * dx + c[INVERSE_REDUCED_MASS] * iz
     # The moments about both CGs of the impulse at the ring centre, whose arms are -u and -c_1 (the stowed length of a
     # strut lies along y between the two ring centres; the impulse acts at the satellite's).
-    hx = p[32] - uy * iz + uz * iy
-    hy = p[33] - uz * ix + ux * iz
-    hz = p[34] - ux * iy + uy * ix
+    hx = p[ANGULAR_IMPULSE] - uy * iz + uz * iy
+    hy = p[ANGULAR_IMPULSE + 1] - uz * ix + ux * iz
+    hz = p[ANGULAR_IMPULSE + 2] - ux * iy + uy * ix
     kx = r00 * hx + r10 * hy + r20 * hz
     ky = r01 * hx + r11 * hy + r21 * hz
     kz = r02 * hx + r12 * hy + r22 * hz
     gx, gy, gz = times(c, SATELLITE_INVERSE_INERTIA, kx, ky, kz)
-    x[9] = r00 * p[20] + r10 * p[21] + r20 * p[22] + gx
-    x[10] = r01 * p[20] + r11 * p[21] + r21 * p[22] + gy
-    x[11] = r02 * p[20] + r12 * p[21] + r22 * p[22] + gz
-    hx = -p[32] + p[8] * iz - p[9] * iy - stowed * iz
-    hy = -p[33] + p[9] * ix - p[7] * iz
-    hz = -p[34] + p[7] * iy - p[8] * ix + stowed * ix
+    x[9] = r00 * p[RATES] + r10 * p[RATES + 1] + r20 * p[RATES + 2] + gx
+    x[10] = r01 * p[RATES] + r11 * p[RATES + 1] + r21 * p[RATES + 2] + gy
+    x[11] = r02 * p[RATES] + r12 * p[RATES + 1] + r22 * p[RATES + 2] + gz
+    hx = -p[ANGULAR_IMPULSE] + p[8] * iz - p[9] * iy - stowed * iz
+    hy = -p[ANGULAR_IMPULSE + 1] + p[9] * ix - p[7] * iz
+    hz = -p[ANGULAR_IMPULSE + 2] + p[7] * iy - p[8] * ix + stowed * ix
     gx, gy, gz = times(c, PLATFORM_INVERSE_INERTIA, hx, hy, hz)
-    x[6] = p[20] + gx
-    x[7] = p[21] + gy
-    x[8] = p[22] + gz
+    x[6] = p[RATES] + gx
+    x[7] = p[RATES + 1] + gy
+    x[8] = p[RATES + 2] + gz
     x[12] = q0
     x[13] = q1
     x[14] = q2

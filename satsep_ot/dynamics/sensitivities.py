@@ -43,7 +43,18 @@ from satsep_ot.dynamics.integration import (
 )
 from satsep_ot.dynamics.rigid_body import seat_motion, spring_sums, times
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
-from satsep_ot.dynamics.separation import COMMON_SIZE, SPRING_SIZE, STOWED
+from satsep_ot.dynamics.separation import (
+    ANGULAR_IMPULSE,
+    COMMON_SIZE,
+    FRICTION_COEFFICIENT,
+    IMPULSE,
+    MOUNTING_ERROR,
+    RATES,
+    RECESS_DEPTH,
+    RECESS_RADIUS,
+    SPRING_SIZE,
+    STOWED,
+)
 from satsep_ot.dynamics.springs import FRICTION, GUIDED, LINEAR, STRUT, TABLE, contact, law, row_and_column
 from satsep_ot.dynamics.system import (
     ACTIVE,
@@ -977,12 +988,12 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     See `flight.prepare`.
     """
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation_matrix_elements(x[12], x[13], x[14], x[15])
-    ix = p[29]
-    iy = p[30]
-    iz = p[31]
-    ox = p[20]
-    oy = p[21]
-    oz = p[22]
+    ix = p[IMPULSE]
+    iy = p[IMPULSE + 1]
+    iz = p[IMPULSE + 2]
+    ox = p[RATES]
+    oy = p[RATES + 1]
+    oz = p[RATES + 2]
     # w = Omega x d + Delta p / mu.
     w = LAM * LANES + lane
     wx = a[w + 3 * LANES]
@@ -1002,9 +1013,9 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     vy = a[w + 10 * LANES]
     vz = a[w + 11 * LANES]
     bx, by, bz = times(c, SATELLITE_INVERSE_INERTIA, vx, vy, vz)
-    gradient[20] = x[1] * wz - x[2] * wy + px + r00 * vx + r01 * vy + r02 * vz
-    gradient[21] = x[2] * wx - x[0] * wz + py + r10 * vx + r11 * vy + r12 * vz
-    gradient[22] = x[0] * wy - x[1] * wx + pz + r20 * vx + r21 * vy + r22 * vz
+    gradient[RATES] = x[1] * wz - x[2] * wy + px + r00 * vx + r01 * vy + r02 * vz
+    gradient[RATES + 1] = x[2] * wx - x[0] * wz + py + r10 * vx + r11 * vy + r12 * vz
+    gradient[RATES + 2] = x[0] * wy - x[1] * wx + pz + r20 * vx + r21 * vy + r22 * vz
     # The adjoint of h; what turns with R: h, Omega and, through u, d and the arm of Delta p.
     hx = r00 * bx + r01 * by + r02 * bz
     hy = r10 * bx + r11 * by + r12 * bz
@@ -1015,9 +1026,9 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     qx = dx - iy * hz + iz * hy
     qy = dy - iz * hx + ix * hz
     qz = dz - ix * hy + iy * hx
-    kx = p[32] - uy * iz + uz * iy
-    ky = p[33] - uz * ix + ux * iz
-    kz = p[34] - ux * iy + uy * ix
+    kx = p[ANGULAR_IMPULSE] - uy * iz + uz * iy
+    ky = p[ANGULAR_IMPULSE + 1] - uz * ix + ux * iz
+    kz = p[ANGULAR_IMPULSE + 2] - ux * iy + uy * ix
     m = M * LANES + lane
     a[m] = ox * vx + kx * bx + qx * p[17]
     a[m + LANES] = ox * vy + kx * by + qx * p[18]
@@ -1028,15 +1039,15 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     a[m + 6 * LANES] = oz * vx + kz * bx + qz * p[17]
     a[m + 7 * LANES] = oz * vy + kz * by + qz * p[18]
     a[m + 8 * LANES] = oz * vz + kz * bz + qz * p[19]
-    gradient[32] = hx - ax
-    gradient[33] = hy - ay
-    gradient[34] = hz - az
+    gradient[ANGULAR_IMPULSE] = hx - ax
+    gradient[ANGULAR_IMPULSE + 1] = hy - ay
+    gradient[ANGULAR_IMPULSE + 2] = hz - az
     ex = p[7]
     ey = p[8] - p[STOWED]
     ez = p[9]
-    gradient[29] = c[INVERSE_REDUCED_MASS] * wx - (hy * uz - hz * uy) + (ay * ez - az * ey)
-    gradient[30] = c[INVERSE_REDUCED_MASS] * wy - (hz * ux - hx * uz) + (az * ex - ax * ez)
-    gradient[31] = c[INVERSE_REDUCED_MASS] * wz - (hx * uy - hy * ux) + (ax * ey - ay * ex)
+    gradient[IMPULSE] = c[INVERSE_REDUCED_MASS] * wx - (hy * uz - hz * uy) + (ay * ez - az * ey)
+    gradient[IMPULSE + 1] = c[INVERSE_REDUCED_MASS] * wy - (hz * ux - hx * uz) + (az * ex - ax * ez)
+    gradient[IMPULSE + 2] = c[INVERSE_REDUCED_MASS] * wz - (hx * uy - hy * ux) + (ax * ey - ay * ex)
     # The adjoint of the arm c_1 - l_0 y; and d = u - c_1 + l_0 y.
     ex = iy * az - iz * ay - dx
     ey = iz * ax - ix * az - dy
@@ -1069,7 +1080,7 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
 @njit(**KERNEL)
 def mounting_adjoint(p, lane, a, gradient):
     """From the adjoint of the initial quaternion of the satellite to that of the mounting error, a rotation vector."""
-    square = p[23] ** 2 + p[24] ** 2 + p[25] ** 2
+    square = p[MOUNTING_ERROR] ** 2 + p[MOUNTING_ERROR + 1] ** 2 + p[MOUNTING_ERROR + 2] ** 2
     scale = 0.5 - square / 48.0
     bend = -1.0 / 24.0 + square / 960.0
     if square > 1e-4:
@@ -1077,9 +1088,15 @@ def mounting_adjoint(p, lane, a, gradient):
         scale = math.sin(0.5 * angle) / angle
         bend = (0.5 * math.cos(0.5 * angle) - scale) / square
     q = (LAM + 12) * LANES + lane
-    along = a[q + LANES] * p[23] + a[q + 2 * LANES] * p[24] + a[q + 3 * LANES] * p[25]
+    along = (
+        a[q + LANES] * p[MOUNTING_ERROR]
+        + a[q + 2 * LANES] * p[MOUNTING_ERROR + 1]
+        + a[q + 3 * LANES] * p[MOUNTING_ERROR + 2]
+    )
     for j in range(3):
-        gradient[23 + j] = scale * a[q + (1 + j) * LANES] + p[23 + j] * (bend * along - 0.5 * scale * a[q])
+        gradient[MOUNTING_ERROR + j] = scale * a[q + (1 + j) * LANES] + p[MOUNTING_ERROR + j] * (
+            bend * along - 0.5 * scale * a[q]
+        )
 
 
 @njit(**KERNEL)
@@ -1099,9 +1116,9 @@ def parameter_adjoint(p, marks, lane, tail, a, gradient):
         gradient[k + 6] = a[q + 5 * LANES] + a[q + 7 * LANES]
         for j in range(3):
             gradient[k + 7 + j] = a[(tail + 3 * body + j) * LANES + lane]
-    gradient[27] = a[(tail + 6) * LANES + lane]
-    gradient[28] = a[(tail + 7) * LANES + lane]
-    gradient[35] = a[G_FRICTION * LANES + lane]
+    gradient[RECESS_RADIUS] = a[(tail + 6) * LANES + lane]
+    gradient[RECESS_DEPTH] = a[(tail + 7) * LANES + lane]
+    gradient[FRICTION_COEFFICIENT] = a[G_FRICTION * LANES + lane]
     for i in range(marks[SPRING_NUMBER]):
         k = (G_SPRINGS + G_SPRING_SIZE * i) * LANES + lane
         q = COMMON_SIZE + SPRING_SIZE * i
@@ -1136,6 +1153,6 @@ def parameter_adjoint(p, marks, lane, tail, a, gradient):
         gradient[17] -= bx
         gradient[18] -= by
         gradient[19] -= bz
-    gradient[26] = g_stowed
+    gradient[STOWED] = g_stowed
     for wall in range(marks[PLANE_NUMBER]):
         gradient[COMMON_SIZE + SPRING_SIZE * marks[SPRING_NUMBER] + wall] = a[(tail + 8 + wall) * LANES + lane]

@@ -608,7 +608,23 @@ class QuasiMonteCarlo(ExperimentSampling):
         return experiment
 
 
-class CrossEntropy(SimulationMethod):
+class LevelMethod(SimulationMethod):
+    """An algorithm of OpenTURNS that fits its density level by level, with a fixed number of points each."""
+
+    fixedSize = True
+
+    def __init__(self, levelSize, quantile):
+        self.levelSize = levelSize
+        self.quantile = quantile
+
+    def build(self, problem):
+        algorithm = self.algorithm(problem.event, self.quantile)
+        algorithm.setBlockSize(1000)
+        algorithm.setMaximumOuterSampling(math.ceil(self.levelSize / 1000))
+        return algorithm
+
+
+class CrossEntropy(LevelMethod):
     """OpenTURNS' cross-entropy importance sampling in standard space, a normal density with free mean and spread.
 
     Parameters
@@ -626,17 +642,10 @@ class CrossEntropy(SimulationMethod):
     """
 
     name = "CrossEntropy"
-    fixedSize = True
+    algorithm = ot.StandardSpaceCrossEntropyImportanceSampling
 
     def __init__(self, levelSize=4000, quantile=0.1):
-        self.levelSize = levelSize
-        self.quantile = quantile
-
-    def build(self, problem):
-        algorithm = ot.StandardSpaceCrossEntropyImportanceSampling(problem.event, self.quantile)
-        algorithm.setBlockSize(1000)
-        algorithm.setMaximumOuterSampling(math.ceil(self.levelSize / 1000))
-        return algorithm
+        super().__init__(levelSize, quantile)
 
 
 class DirectionalSampling(SimulationMethod):
@@ -735,7 +744,7 @@ def _limited(algorithm, target, maximum, block=100):
     return algorithm
 
 
-class NAIS(SimulationMethod):
+class NAIS(LevelMethod):
     """OpenTURNS' non-parametric adaptive importance sampling.
 
     Its density is a kernel smoothing of the failed points in all inputs, which needs a number of points that grows
@@ -756,17 +765,10 @@ class NAIS(SimulationMethod):
     """
 
     name = "NAIS"
-    fixedSize = True
+    algorithm = ot.NAIS
 
     def __init__(self, levelSize=2000, quantile=0.1):
-        self.levelSize = levelSize
-        self.quantile = quantile
-
-    def build(self, problem):
-        algorithm = ot.NAIS(problem.event, self.quantile)
-        algorithm.setBlockSize(1000)
-        algorithm.setMaximumOuterSampling(math.ceil(self.levelSize / 1000))
-        return algorithm
+        super().__init__(levelSize, quantile)
 
 
 # The methods by name, each with its default settings.
