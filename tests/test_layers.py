@@ -17,7 +17,7 @@ ALLOWED = {
 STANDARD_LIBRARY = {
     "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "dataclasses", "datetime", "difflib",
     "enum", "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "re",
-    "tempfile", "time", "tomllib", "types", "typing", "warnings", "zipfile",
+    "tempfile", "time", "tomllib", "types", "typing", "warnings", "xml", "zipfile",
 }  # fmt: skip
 
 

@@ -320,6 +320,7 @@ class ActiveSubspaceReliability:
             u, chosen, weights = self._drawRuns(proposal, proposal.selection, size)
             runs = self._evaluate(u, "estimation")
             failure = proposal.failure[chosen]
+            runs.weights, runs.expected = weights, failure
             self._blocks.append(
                 Block(
                     proposal.surrogate,
@@ -361,7 +362,7 @@ class ActiveSubspaceReliability:
     def _evaluate(self, u, phase):
         """True runs at u, recorded; the callbacks are served afterwards."""
         try:
-            runs = self._limitState.evaluate(u)
+            runs = self._limitState.evaluate(u, phase)
         except ValueError:
             raise
         except Exception as error:
@@ -575,6 +576,8 @@ class ActiveSubspaceReliability:
     def _finishFromNominalRuns(self, converged, reason):
         """The first, normal runs are a small Monte Carlo sample: what is left where nothing else is."""
         runs = self._initial if self._initial is not None else Runs.concatenate(self._runs)
+        for part in self._runs if self._initial is None else [self._initial]:
+            part.weights = np.ones(len(part))
         failures, size = int(runs.failed.sum()), len(runs)
         share = failures / size
         self._store(

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+from collections.abc import Sequence
 
 import numpy as np
 import openturns as ot
@@ -13,6 +14,7 @@ from satsep_ot.methods.importance_proposal import Pool, paretoShape
 from satsep_ot.methods.limit_state_event import LimitStateEvent, Runs
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
 from satsep_ot.methods.result_storage import readResult, writeResult
+from satsep_ot.methods.true_runs import TrueRuns
 
 # Points that carry the surrogate's share of the failure distribution.
 _SURROGATE_POINTS = 10_000
@@ -419,6 +421,29 @@ class ActiveSubspaceReliabilityResult:
     def getOutputSample(self) -> ot.Sample:
         """Outputs of all true runs."""
         return ot.Sample(self._runs.outputs)
+
+    def getTrueRuns(self, outputNames: Sequence[str] | None = None) -> TrueRuns:
+        """All true runs with their phases and weights, from which the estimate can be computed again, and saved.
+
+        Parameters
+        ----------
+        outputNames : sequence of str, optional
+            By default y0, y1, ...
+        """
+        runs = self._runs
+        if outputNames is None:
+            outputNames = ot.Description.BuildDefault(runs.outputs.shape[1], "y")
+        return TrueRuns(
+            runs.x,
+            runs.outputs,
+            runs.failed,
+            runs.phases,
+            runs.weights,
+            runs.expected,
+            tuple(self._distribution.getDescription()),
+            tuple(outputNames),
+            self._surrogateProbability or 0.0,
+        )
 
     def getProbabilitySimulationResult(self) -> ot.ProbabilitySimulationResult:
         """The estimate as OpenTURNS' own result."""

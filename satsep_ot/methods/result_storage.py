@@ -6,12 +6,59 @@ import json
 import os
 import tempfile
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import IO
+from xml.etree import ElementTree
 
 import numpy as np
 import openturns as ot
 
-_FORMAT = "ActiveSubspaceReliabilityResult 1"
+_FORMAT = "ActiveSubspaceReliabilityResult 2"
+# What a killed process leaves of a file that was not complete begins so.
+TEMPORARY = ".unfinished-"
+
+
+def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) -> Path:
+    """Write a file that is there complete or not at all, even where the power fails in the middle.
+
+    Parameters
+    ----------
+    path : str or path
+        An earlier file of that name stays until the new one is complete.
+    write : callable
+        Writes the content to the binary stream that it is given.
+
+    Returns
+    -------
+    path : :py:class:`pathlib.Path`
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from satsep_ot.methods.result_storage import writeWhole
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     writeWhole(f"{directory}/text", lambda stream: stream.write(b"content")).read_text()
+    'content'
+    """
+    path = Path(path)
+    temporary = path.with_name(f"{TEMPORARY}{os.getpid()}-{os.urandom(4).hex()}")
+    try:
+        with temporary.open("xb") as stream:
+            write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    # The new name, too, is to survive: it is in the directory.
+    directory = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+    return path
 
 
 def toXML(thing) -> str:
@@ -27,6 +74,12 @@ def toXML(thing) -> str:
 def fromXML(text: str, thing):
     """Fill an empty OpenTURNS object of the right class from `toXML`'s text, and return it.
 
+    Raises
+    ------
+    ValueError
+        The text is no XML, or holds a Python object: OpenTURNS stores these as pickles, which can execute anything
+        when they are loaded.
+
     Examples
     --------
     >>> import openturns as ot
@@ -34,8 +87,19 @@ def fromXML(text: str, thing):
     >>> fromXML(toXML(ot.Normal(0.1, 1.0 / 3.0)), ot.Normal()).getParameter()[1] == 1.0 / 3.0
     True
     """
+    try:
+        tree = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"the text is no XML: {error}") from error
+    for element in tree.iter():
+        if "python" in element.get("class", "").lower():
+            raise ValueError(
+                f"the text holds a {element.get('class')}, a pickle that can execute anything; only OpenTURNS' own "
+                "objects are loaded"
+            )
     with _file() as path:
-        path.write_text(text, encoding="utf-8")
+        # Written anew, so that OpenTURNS reads what was checked, without entities and document types.
+        path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True))
         study = ot.Study()
         study.setStorageManager(ot.XMLStorageManager(str(path)))
         study.load()
@@ -68,15 +132,7 @@ def writeResult(path, fields: dict) -> None:
     if document["event"] is not None and "Python" in document["event"]:
         document["event"] = None
     arrays["document"] = np.array(json.dumps(document))
-    # Complete or not there at all.
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".npz")
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            np.savez_compressed(stream, **arrays)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))
 
 
 def _plain(value):
