@@ -373,8 +373,10 @@ def _simulate(options):
 
 def _accounts(separation, document):
     """What each spring did, and how well the run keeps energy and angular momentum."""
+    from satsep_ot.model.run_document import spring_names
+
     energy, momentum = document["energy"], document["angular_momentum"]
-    for i, (name, time) in enumerate(zip(_spring_names(separation), document["release_times"], strict=True)):
+    for i, (name, time) in enumerate(zip(spring_names(separation), document["release_times"], strict=True)):
         if time is None and document["status"] == "OK":
             yield f"{name} has failed"
         else:
@@ -386,16 +388,6 @@ def _accounts(separation, document):
             f"Kinetic energy gained {energy['gained']:.9g} J, {energy['error']:.1e} J beside the work of the springs; "
             f"angular momentum changed by {momentum['change']:.1e} N m s{gravity}"
         )
-
-
-def _spring_names(separation):
-    """What a person calls each spring; the last ones may be those of umbilical connectors."""
-    from satsep_ot.model.inputs import umbilical_springs
-
-    names = [f"spring {number}" for number in range(1, len(separation.springs) + 1)]
-    for number, i in enumerate(umbilical_springs(separation), start=1):
-        names[i : i + 2] = [f"umbilical connector {number}", f"pins of connector {number}"]
-    return names
 
 
 def _or_nan(value):

@@ -11,12 +11,13 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from separation_cases import general_separation, symmetric_separation
 
-from satsep_ot.dynamics.separation import ForceLine, Springs
+from satsep_ot.dynamics.separation import ForceLine, Springs, umbilical
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.model.case import load_case
 from satsep_ot.studies import figures
+from satsep_ot.studies.animation import animation_data
 
 
 def row(method, probability, lower=None, upper=None, **more):
@@ -286,3 +287,18 @@ def test_motion_with_a_failed_spring_leaves_it_out():
     np.testing.assert_allclose(np.delete(motion.release_strokes, 2), 0.03, atol=1e-7)
     labels = figures.draw_strokes(motion).get_legend_handles_labels()[1]
     assert "spring 3 (failed)" in labels
+
+
+def test_pins_of_a_connector_are_not_drawn_as_a_spring():
+    connector = umbilical(0.4, 0.22, 1500.0, 0.008, 0.0075, friction=18.0, engagement=0.006)
+    separation = symmetric_separation(springs=symmetric_separation().springs.joined(connector))
+    motion = figures.compute_motion(separation)
+    assert motion.names[-2:] == ("umbilical connector 1", "pins of connector 1")
+    assert motion.pins.tolist() == [False] * 5 + [True]
+    ax = figures.draw_strokes(motion)
+    labels = ax.get_legend_handles_labels()[1]
+    assert labels == [*motion.names[:5], "release", "pins leave their socket"]
+    leaving = next(line for line in ax.get_lines() if line.get_label() == "pins leave their socket")
+    np.testing.assert_allclose(leaving.get_ydata(), [6.0], rtol=1e-8)
+    run = animation_data(separation, {"nominal": separation.parameters()})["runs"]["nominal"]
+    assert len(run["seats"]) == len(run["releases"]) == 5

@@ -17,6 +17,7 @@ from satsep_ot.dynamics.rotations import quaternion_product
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import inertial_motion, simulate, trajectory
 from satsep_ot.model.case import Case
+from satsep_ot.model.inputs import umbilical_springs
 
 LONGEST_TIME = 1000.0  # s after the start
 
@@ -77,6 +78,30 @@ def run_document(case: Case, times=(), tolerance: float = 1e-8) -> dict:
         "energy": _energy(separation, path, at, tolerance),
         "angular_momentum": _momentum(separation, path),
     }
+
+
+def spring_names(separation) -> list[str]:
+    """What a person calls each spring; the last ones may be those of umbilical connectors.
+
+    Parameters
+    ----------
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+
+    Returns
+    -------
+    names : list of str
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.run_document import spring_names
+    >>> spring_names(load_case("cubesat").separation)
+    ['spring 1', 'spring 2']
+    """
+    names = [f"spring {number}" for number in range(1, len(separation.springs) + 1)]
+    for number, i in enumerate(umbilical_springs(separation), start=1):
+        names[i : i + 2] = [f"umbilical connector {number}", f"pins of connector {number}"]
+    return names
 
 
 def _energy(separation, path, at, tolerance):

@@ -81,8 +81,8 @@ def animation_data(separation, runs):
     data : dict
         Plain lists: ``shape`` (points, faces), ``platform`` (ring radius, recess radius and depth), and for each run
         ``times`` [s], ``centres`` [m] and ``turns`` (quaternions w, x, y, z) of the satellite in platform axes, the
-        last release [s], and the springs' seats and release times. Half of the frames cover the push, half the flight
-        until the satellite has gone about one and a half of its sizes.
+        last release [s], and the seats and release times of all that pushes. Half of the frames cover the push, half
+        the flight until the satellite has gone about one and a half of its sizes.
 
     Raises
     ------
@@ -121,7 +121,8 @@ def animation_data(separation, runs):
         turns = np.concatenate([push.attitudes, flight.attitudes[later]])
         named = dict(zip(separation.parameter_names(), np.asarray(parameters, dtype=float), strict=True))
         seats = []
-        for i in range(len(separation.springs)):
+        pushers = np.flatnonzero(~push.pins)
+        for i in pushers:
             angle, radius = named[f"springs[{i}].angle"], named[f"springs[{i}].radius"]
             seats.append([radius * math.cos(angle), 0.0, radius * math.sin(angle)])
         data["runs"][label] = {
@@ -131,7 +132,7 @@ def animation_data(separation, runs):
             "pushEnd": float(push.times[-1]),
             "release": last,
             "seats": _rounded(np.array(seats)),
-            "releases": [None if np.isnan(time) else time for time in _rounded(push.release_times)],
+            "releases": [None if np.isnan(time) else time for time in _rounded(push.release_times[pushers])],
         }
     return data
 

@@ -34,7 +34,8 @@ from scipy.fft import dct, idct
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.model.run_document import spring_names
 
 FONT_SIZE = 11
 DOTS_PER_INCH = 150
@@ -654,6 +655,8 @@ class Motion(NamedTuple):
     release_strokes: np.ndarray  # [m] (N,)
     centres: np.ndarray  # satellite's ring centre from the platform's, in platform axes [m] (T, 3)
     attitudes: np.ndarray  # rotation matrices from satellite to platform axes (T, 3, 3)
+    names: tuple  # of the springs, str (N,)
+    pins: np.ndarray  # whether it is the pins of a connector, which hold back and do not push, bool (N,)
 
 
 def compute_motion(separation, parameters=None, end=None, size=400):
@@ -730,6 +733,8 @@ def compute_motion(separation, parameters=None, end=None, size=400):
         release_strokes=np.array([np.nanmax(column) if np.isfinite(column).any() else np.nan for column in strokes.T]),
         centres=centre,
         attitudes=turns,
+        names=tuple(spring_names(separation)),
+        pins=np.array([law == ForceLaw.FRICTION for law in separation.springs.laws]),
     )
 
 
@@ -788,7 +793,7 @@ def draw_rates(motion, ax=None):
 
 
 def draw_strokes(motion, ax=None):
-    """Stroke of each spring while it pushes, with its release marked.
+    """Stroke of each spring while it pushes, with its release marked, and where the pins of connectors leave theirs.
 
     Parameters
     ----------
@@ -801,18 +806,23 @@ def draw_strokes(motion, ax=None):
     """
     ax = _axes(ax)
     _dress(ax, "time [ms]", "spring stroke [mm]")
-    count = motion.strokes.shape[1]
-    for i in range(count):
-        style, colour = STYLES[i % len(STYLES)], COLOURS[i % len(COLOURS)]
+    pushers = np.flatnonzero(~motion.pins)
+    count = len(pushers)
+    for place, i in enumerate(pushers):
+        style, colour = STYLES[place % len(STYLES)], COLOURS[place % len(COLOURS)]
         # Beyond eight springs a legend hides more than it tells.
         failed = " (failed)" if np.isnan(motion.release_times[i]) else ""
-        label = f"spring {i + 1}{failed}" if count <= 8 else None
-        ax.plot(1e3 * motion.times, 1e3 * motion.strokes[:, i], style, color=colour, marker=MARKERS[i % len(MARKERS)],
-                markersize=5, markevery=(12 * i + 5, 12 * min(count, 8)), label=label)  # fmt: skip
-    ax.plot(1e3 * motion.release_times, 1e3 * motion.release_strokes, "*", color=BLACK, markersize=13,
-            markerfacecolor="white", label="release", linestyle="none")  # fmt: skip
+        label = f"{motion.names[i]}{failed}" if count <= 8 else None
+        ax.plot(1e3 * motion.times, 1e3 * motion.strokes[:, i], style, color=colour,
+                marker=MARKERS[place % len(MARKERS)], markersize=5, markevery=(12 * place + 5, 12 * min(count, 8)),
+                label=label)  # fmt: skip
+    for kind, marker, label in ((~motion.pins, "*", "release"), (motion.pins, "X", "pins leave their socket")):
+        if kind.any():
+            ax.plot(1e3 * motion.release_times[kind], 1e3 * motion.release_strokes[kind], marker, color=BLACK,
+                    markersize=13 if marker == "*" else 9, markerfacecolor="white", label=label,
+                    linestyle="none")  # fmt: skip
     ax.set_ylim(0.0, 1.15e3 * np.nanmax(motion.release_strokes))
-    ax.legend(fontsize=FONT_SIZE, loc="lower right")
+    ax.legend(fontsize=FONT_SIZE, loc="best")
     return ax
 
 
