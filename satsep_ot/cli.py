@@ -165,14 +165,16 @@ def _parser():
         _benchmark,
         "compare reliability methods where the probability is known",
         "  satsep-ot benchmark --problems P1 RP8 --methods ActiveSubspace SubsetSampling --repetitions 20\n"
-        "  satsep-ot benchmark --problems published\n"
+        "  satsep-ot benchmark --problems RP54 RP54-rotated RP54-rescaled P1-d20 --methods ActiveSubspace FORM\n"
         "  satsep-ot benchmark --problems reference --output results\n\n"
-        "Every repetition is kept in DIR/runs.jsonl; the same command continues after an interruption.",
+        "Every repetition is kept in DIR/runs.jsonl and counts from then on; after an interruption, which shows what\n"
+        "there is so far, the same command continues.",
     )
     benchmark.add_argument(
-        "--problems", nargs="+", default=["P1", "P2", "P3", "P4", "P5"], metavar="PROBLEM",
-        help="names of problems, published (all of these) or reference (all requirements of the reference case); an "
-        "unknown name lists them (default: P1 to P5)",
+        "--problems", nargs="+", default=["published", "reference"], metavar="PROBLEM",
+        help="names of problems, published (all of these), reference (all requirements of the reference case) or "
+        "variants (published ones rotated, rescaled, with other numbers of inputs); an unknown name lists them "
+        "(default: published reference, which takes hours with all methods)",
     )  # fmt: skip
     benchmark.add_argument(
         "--methods", nargs="+", metavar="METHOD", help="which methods; an unknown name lists them (default: all)"
@@ -498,18 +500,24 @@ def _benchmark(options):
         return _fail(error, 2)
     options.output.mkdir(parents=True, exist_ok=True)
     benchmark.setFile(options.output / "runs.jsonl")
+    interrupted = False
     with _progress() as show:
         benchmark.setProgressCallback(show)
-        benchmark.run()
+        try:
+            benchmark.run()
+        except KeyboardInterrupt:
+            interrupted = True
     result = benchmark.getResult()
     paths = save_benchmark(result, options.output)
     if options.json:
         print(json.dumps(result.getTable(), indent=2, allow_nan=False))
-        return 0
-    print(result.toText())
-    print(f"\nright on all of these: {', '.join(result.getRightMethods()) or 'none'}")
-    print(f"written to {options.output}: {', '.join(path.name for path in paths)}, runs.jsonl")
-    return 0
+    else:
+        print(result.toText())
+        print(f"\nright on all of these: {', '.join(result.getRightMethods()) or 'none'}")
+        if any(row.verdict == "open" for row in result.getRows()):
+            print("open: the repetitions are too few to call the method right or wrong there")
+        print(f"written to {options.output}: {', '.join(path.name for path in paths)}, runs.jsonl")
+    return _fail("interrupted; the same command continues", 130) if interrupted else 0
 
 
 @contextmanager

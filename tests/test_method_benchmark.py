@@ -2,9 +2,11 @@
 
 import json
 
+import matplotlib.image
 import pytest
 
 from satsep_ot.cli import main
+from satsep_ot.methods.reliability_methods import FORM
 from satsep_ot.studies.method_benchmark import REFERENCE_VIOLATIONS, benchmark_names, benchmark_tasks, save_benchmark
 
 
@@ -15,6 +17,8 @@ def test_names_stand_for_published_problems_and_for_the_reference_case():
         "reference-any-requirement", "RP8",
     ]  # fmt: skip
     assert all(task.gradientCost > 1.0 for task in tasks[:5])
+    # 2530 violations in ten million runs are known to 2 %.
+    assert tasks[0].probabilityError == pytest.approx(0.02, rel=0.02)
     # A violation of any requirement is at least as likely as that of each, and at most their sum.
     probabilities = [task.probability for task in tasks[:5]]
     assert max(probabilities[:4]) <= probabilities[4] <= sum(probabilities[:4])
@@ -22,10 +26,19 @@ def test_names_stand_for_published_problems_and_for_the_reference_case():
     assert set(benchmark_names()) >= {"P1", "FourBranch", "reference-spin"}
 
 
+def test_variants_are_problems_of_the_same_probability():
+    tasks = {task.name: task for task in benchmark_tasks(["variants", "P3"])}
+    assert tasks["P3-rotated"].probability == tasks["P3"].probability
+    assert tasks["P4-d25-rotated-rescaled"].event.getFunction().getInputDimension() == 25
+    assert {name.split("-")[0] for name in tasks} == {"P1", "P2", "P3", "P4", "P5", "RP8", "RP54"}
+
+
 def test_unknown_problems_and_methods_are_refused_with_the_known_ones(tmp_path, capsys):
     output = ["--output", str(tmp_path / "out")]
     assert main(["benchmark", "--problems", "P99", *output]) == 2
-    assert "'P99' is no benchmark problem; there are published, reference, P1" in capsys.readouterr().err
+    assert "'P99' is no benchmark problem; there are published, variants, reference, P1" in capsys.readouterr().err
+    assert main(["benchmark", "--problems", "P1-turned", *output]) == 2
+    assert "'P1-turned' is no variant" in capsys.readouterr().err
     assert main(["benchmark", "--problems", "RP107", "--methods", "Magic", *output]) == 2
     assert "there are ActiveSubspace, FORM" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -41,11 +54,14 @@ def test_the_command_prints_a_table_writes_files_and_continues(tmp_path, capsys)
     assert main(arguments) == 0
     captured = capsys.readouterr()
     assert captured.out.splitlines()[1].startswith("RP107")
-    assert "right on all of these: FORM, ActiveLineSampling" in captured.out
+    # Two repetitions tell of a method that always says the same, and of no other.
+    assert "right on all of these: FORM\n" in captured.out
+    assert "open: the repetitions are too few" in captured.out
     assert "RP107: FORM" in captured.err
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "benchmark.csv", "benchmark.json", "benchmark.md", "runs.jsonl",
+        "benchmark.csv", "benchmark.json", "benchmark.md", "cost.png", "errors.png", "runs.jsonl",
     ]  # fmt: skip
+    assert matplotlib.image.imread(tmp_path / "cost.png").min() < 0.5
     runs = (tmp_path / "runs.jsonl").read_text(encoding="utf-8")
     assert len(runs.splitlines()) == 4
     assert main([*arguments, "--json"]) == 0
@@ -53,6 +69,27 @@ def test_the_command_prints_a_table_writes_files_and_continues(tmp_path, capsys)
     table = json.loads(capsys.readouterr().out)
     assert [row["method"] for row in table] == ["FORM", "ActiveLineSampling"]
     assert table == json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))
+
+
+def test_an_interruption_shows_what_there_is_and_the_command_continues(tmp_path, capsys, monkeypatch):
+    run = FORM.run
+
+    def interrupted(method, problem):
+        if (tmp_path / "runs.jsonl").exists():
+            raise KeyboardInterrupt
+        return run(method, problem)
+
+    arguments = ["benchmark", "--problems", "RP107", "--methods", "FORM", "--repetitions", "3"]
+    arguments += ["--output", str(tmp_path)]
+    with monkeypatch.context() as patch:
+        patch.setattr(FORM, "run", interrupted)
+        assert main(arguments) == 130
+    captured = capsys.readouterr()
+    assert captured.out.splitlines()[1].split()[:2] == ["RP107", "FORM"]
+    assert "interrupted; the same command continues" in captured.err
+    assert len(json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))) == 1
+    assert main([*arguments, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)[0]["repetitions"] == 3
 
 
 def test_files_are_written_whole_or_not_at_all(tmp_path):
@@ -65,6 +102,9 @@ def test_files_are_written_whole_or_not_at_all(tmp_path):
 
         def getTable(self):
             return [{"bias": float("nan")}]
+
+        def getRows(self):
+            return []
 
     with pytest.raises(ValueError, match="not JSON compliant"):
         save_benchmark(Broken(), tmp_path)

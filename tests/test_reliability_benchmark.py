@@ -8,7 +8,12 @@ import openturns as ot
 import pytest
 
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
-from satsep_ot.methods.reliability_benchmark import BenchmarkTask, ReliabilityBenchmark
+from satsep_ot.methods.reliability_benchmark import (
+    BenchmarkRow,
+    BenchmarkTask,
+    ReliabilityBenchmark,
+    ReliabilityBenchmarkResult,
+)
 from satsep_ot.methods.reliability_methods import MonteCarlo, ReliabilityMethod, Row
 
 TRUTH = 1e-2
@@ -36,13 +41,13 @@ class Told(ReliabilityMethod):
         return Row(self.name, ratio * TRUTH, ratio * TRUTH - half, ratio * TRUTH + half, self.variation)
 
 
-def task(name="task", gradientCost=1.0):
+def task(name="task", **options):
     vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
-    return BenchmarkTask(name, ot.ThresholdEvent(vector, ot.Greater(), 2.3), TRUTH, gradientCost=gradientCost)
+    return BenchmarkTask(name, ot.ThresholdEvent(vector, ot.Greater(), 2.3), TRUTH, **options)
 
 
-def rows(methods, repetitions=4, **options):
-    benchmark = ReliabilityBenchmark([task()], methods, repetitions)
+def rows(methods, repetitions=4, probabilityError=0.0, **options):
+    benchmark = ReliabilityBenchmark([task(probabilityError=probabilityError)], methods, repetitions)
     for name, value in options.items():
         getattr(benchmark, f"set{name}")(value)
     benchmark.run()
@@ -58,7 +63,7 @@ def test_bias_error_coverage_and_cost_are_those_of_the_repetitions():
     assert row.coverage == 1.0
     assert row.evaluations == 100.0
     assert row.cost == pytest.approx(100.0 * (row.error / 0.05) ** 2)
-    assert row.right
+    assert row.verdict == "open"
 
 
 def test_a_method_that_is_wrong_has_no_rank_however_cheap():
@@ -71,6 +76,7 @@ def test_a_method_that_is_wrong_has_no_rank_however_cheap():
             Told("cheap", [1.0, 1.01], 0.05, size=200),
         ]
     )
+    assert [row.verdict for row in found.values()] == ["wrong", "wrong", "wrong", "open", "open"]
     assert {name: row.rank for name, row in found.items()} == {
         "biased": None, "over-confident": None, "sometimes silent": None, "dear": 2, "cheap": 1,
     }  # fmt: skip
@@ -78,6 +84,72 @@ def test_a_method_that_is_wrong_has_no_rank_however_cheap():
     assert (silent.failed, silent.repetitions) == (2, 4)
     assert "no idea" in silent.message
     assert silent.bias == pytest.approx(0.0)
+
+
+def test_a_verdict_needs_repetitions_that_could_have_told_otherwise():
+    exact, noisy = [1.01, 0.99], [1.2, 0.8]
+    methods = [Told("exact", exact, 0.01), Told("noisy", noisy, 0.2), Told("same", [1.019])]
+    few, many = rows(methods, 2), rows(methods, 12)
+    # Two repetitions are no evidence, but for a method that always says the same.
+    assert [(row.verdict, row.needed) for row in few.values()] == [("open", 10), ("open", 800), ("right", None)]
+    # A spread of 20 % needs (20 / 1)^2 repetitions to be known to 1 %.
+    assert [row.verdict for row in many.values()] == ["right", "open", "right"]
+    assert many["noisy"].needed == math.ceil((np.std(noisy * 6, ddof=1) / 0.01) ** 2)
+    assert rows([Told("noisy", noisy, 0.2)], 440)["noisy"].verdict == "right"
+    assert rows([Told("once", [1.03])], 1)["once"].verdict == "open"
+
+
+def test_two_repetitions_that_happen_to_agree_do_not_condemn():
+    # Student's interval of two values 0.5 % apart is 3 % wide on each side.
+    assert rows([Told("agreeing", [1.03, 1.035], 0.05)], 2)["agreeing"].verdict == "open"
+    assert rows([Told("biased", [1.03, 1.035], 0.05)], 12)["biased"].verdict == "wrong"
+
+
+def test_too_seldom_inside_is_wrong_only_when_chance_does_not_explain_it():
+    # Of 20, 14 or fewer happen with 1.1 % probability where 90 % are inside; 15 or fewer with 4.3 %.
+    def coverage(missed):
+        ratios = [1.0] * (20 - missed) + [1.004, 0.996] * (missed // 2) + [1.004] * (missed % 2)
+        return rows([Told("told", ratios, 0.001)], 20)["told"]
+
+    assert (coverage(6).coverage, coverage(6).verdict) == (0.7, "wrong")
+    assert (coverage(5).coverage, coverage(5).verdict) == (0.75, "right")
+
+
+def test_the_error_of_the_reference_is_not_held_against_a_method():
+    assert rows([Told("same", [1.05])], 2)["same"].verdict == "wrong"
+    row = rows([Told("same", [1.05])], 2, probabilityError=0.02)["same"]
+    assert (row.verdict, row.biasError) == ("right", pytest.approx(0.02))
+
+
+def test_repetitions_beyond_those_asked_for_count(tmp_path):
+    path = tmp_path / "runs.jsonl"
+    method = Told("told", [1.01, 0.99], 0.01)
+    assert rows([method], 12, File=path)["told"].repetitions == 12
+    assert rows([method], 2, File=path)["told"].repetitions == 12
+    assert method.calls == 12
+
+
+def test_summary_is_over_all_problems_and_ranks_the_methods_that_are_nowhere_wrong():
+    def row(problem, method, verdict, cost):
+        return BenchmarkRow(problem, method, repetitions=20, failed=0, cost=cost, verdict=verdict)
+
+    result = ReliabilityBenchmarkResult(
+        [
+            row("A", "sure", "right", 400.0), row("A", "cheap", "right", 10.0), row("A", "slow", "open", 4000.0),
+            row("B", "sure", "right", 600.0), row("B", "cheap", "wrong", 1.0), row("B", "slow", "right", 9000.0),
+            row("B", "half", "right", 5.0),
+        ]
+    )  # fmt: skip
+    assert result.getRightMethods() == ["sure"]
+    summaries = [(s.method, s.right, s.open, s.wrong, s.cost) for s in result.getSummaries()]
+    assert summaries == [
+        ("sure", 2, 0, 0, 1000.0), ("slow", 1, 1, 0, 13000.0), ("half", 1, 0, 0, None), ("cheap", 1, 0, 1, None),
+    ]  # fmt: skip
+    lines = [line.split("  ") for line in result.toText().splitlines()]
+    slow = next(line for line in lines[-4:] if line[0] == "slow")
+    assert [cell.strip() for cell in slow if cell.strip()][-3:] == ["4,000 (x 10)", "9,000 (x 15)", "13,000 (x 13)"]
+    cheap = next(line for line in lines[-4:] if line[0] == "cheap")
+    assert [cell.strip() for cell in cheap if cell.strip()][-2:] == ["10 (x 0.025)", "wrong"]
 
 
 def test_a_method_that_was_asked_for_an_error_is_not_given_fewer_runs_than_it_made():
@@ -145,11 +217,14 @@ def test_published_problem_with_components_and_tables():
     assert len(result.getRows()) == 6
     # Four branches: one design point says a quarter.
     wrong = next(row for row in result.getRows() if (row.problem, row.method) == ("FourBranch", "FORM"))
-    assert not wrong.right
-    assert "ActiveSubspace" in result.getRightMethods()
-    assert "FORM" not in result.getRightMethods()
+    assert wrong.verdict == "wrong"
+    verdicts = {(row.problem, row.method): row.verdict for row in result.getRows()}
+    assert verdicts["FourBranch", "ActiveSubspace"] == "open"
+    assert verdicts["RP107", "FORM"] == "right"
+    assert result.getRightMethods() == []
     assert len(result.toCSV().splitlines()) == 7
-    assert len(result.toMarkdown().splitlines()) == 8
+    # Eight lines of repetitions, five of the summary.
+    assert len(result.toMarkdown().splitlines()) == 8 + 1 + 5
     assert result.toText().splitlines()[1].startswith("FourBranch")
     assert [row["method"] for row in result.getTable()][:2] == ["ActiveSubspace", "FORM"]
     assert len(result.drawCost().getDrawables()) >= 2

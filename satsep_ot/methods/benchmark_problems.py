@@ -2,7 +2,12 @@
 
 A problem is a vectorised function of an ``(n, d)`` array, an input distribution, a limit and a reference probability
 with its source. `getBenchmarkProblems` lists them all; to add one, write a function that returns a `BenchmarkProblem`
-and name it in ``_FACTORIES``.
+and name it in ``_FACTORIES``. Each is also there rotated, in other units and, where its probability is known for any
+number of inputs, with another number of them: see `getBenchmarkProblem`.
+
+RP problems: A. Rozsas and A. Slobbe, Repository and Black-box Reliability Challenge 2019 (the RPRepo), as in
+otbenchmark. FourBranch: P.-H. Waarts, Structural reliability using finite element methods, TU Delft (2000). P2:
+I. Papaioannou et al., Probabilistic Engineering Mechanics 41 (2015).
 """
 
 import math
@@ -10,7 +15,11 @@ from collections.abc import Callable
 
 import numpy as np
 import openturns as ot
-from scipy.special import ndtr
+from scipy.fft import irfft, rfft
+from scipy.integrate import quad
+from scipy.special import erf, ndtr
+
+from satsep_ot.methods.standard_space import StandardSpace
 
 __all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblemNames", "getBenchmarkProblems"]
 
@@ -123,6 +132,75 @@ class BenchmarkProblem:
             composition = _batchFunction(p, 1, lambda y: self._composition(y)[:, None])
         return function, composition
 
+    def rotated(self, seed: int = 0) -> "BenchmarkProblem":
+        """The same problem turned in its standard space, so that no input is special: standard normal inputs u, of
+        which Q u are the standard normal inputs of this problem, with a random orthogonal Q.
+
+        Parameters
+        ----------
+        seed : int
+            Of Q, which is uniform over all orthogonal matrices (QR of a Gaussian matrix: Stewart, SIAM J. Numer.
+            Anal. 17, 1980).
+
+        Returns
+        -------
+        problem : BenchmarkProblem
+            Of the same probability.
+
+        Examples
+        --------
+        >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+        >>> print(getBenchmarkProblem("RP8").rotated().getDistribution().getMean())
+        [0,0,0,0,0,0]
+        """
+        space = StandardSpace(self._distribution)
+        factor, triangle = np.linalg.qr(np.random.default_rng(seed).standard_normal((space.getDimension(),) * 2))
+        transposed = (factor * np.sign(np.diag(triangle))).T
+        return BenchmarkProblem(
+            f"{self._name}-rotated",
+            ot.Normal(space.getDimension()),
+            lambda u: self._components(space.toPhysical(u @ transposed)),
+            self._probability,
+            self._source,
+            self._outputDimension,
+            self._composition,
+        )
+
+    def rescaled(self, seed: int = 0) -> "BenchmarkProblem":
+        """The same problem in other units: every input, every component and the limit state function times a power
+        of 10 of its own.
+
+        Parameters
+        ----------
+        seed : int
+            Of the exponents, whole numbers from -6 to 6.
+
+        Returns
+        -------
+        problem : BenchmarkProblem
+            Of the same probability.
+
+        Examples
+        --------
+        >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+        >>> print(getBenchmarkProblem("RP54").rescaled().getDistribution().getMean()[:3])
+        [100000,100,1]
+        """
+        d, p = self._distribution.getDimension(), self._outputDimension
+        powers = 10.0 ** np.random.default_rng(seed).integers(-6, 7, d + p + 1)
+        inputUnits, outputUnits, limitUnit = powers[:d], powers[d:-1], powers[-1]
+        marginals = [self._distribution.getMarginal(i) * float(unit) for i, unit in enumerate(inputUnits)]
+        composition = self._composition
+        return BenchmarkProblem(
+            f"{self._name}-rescaled",
+            ot.JointDistribution(marginals, self._distribution.getCopula()),
+            lambda x: outputUnits * self._components(x / inputUnits).reshape(-1, p),
+            self._probability,
+            self._source,
+            p,
+            None if composition is None else lambda y: limitUnit * composition(y / outputUnits),
+        )
+
 
 def _batchFunction(inputDimension: int, outputDimension: int, evaluate: Callable) -> ot.Function:
     return ot.PythonFunction(
@@ -145,24 +223,24 @@ def _normalProbability(z):
     return np.asarray(ot.DistFunc.pNormal(np.atleast_1d(z).tolist()))
 
 
-def _linear() -> BenchmarkProblem:
+def _linear(dimension: int = 100) -> BenchmarkProblem:
     return BenchmarkProblem(
         "P1",
-        ot.Normal(100),
-        lambda u: 3.5 - u.sum(axis=1) / 10.0,
+        ot.Normal(dimension),
+        lambda u: 3.5 - u.sum(axis=1) / math.sqrt(dimension),
         ot.DistFunc.pNormal(-3.5),
         "closed form Phi(-3.5)",
     )
 
 
-def _quadratic() -> BenchmarkProblem:
+def _quadratic(dimension: int = 40) -> BenchmarkProblem:
     probability = _gaussianExpectation(lambda t: _normalProbability(-(4.0 + 2.5 * t**2)))
     return BenchmarkProblem(
         "P2",
-        ot.Normal(40),
-        lambda u: 4.0 + 1.25 * (u[:, 0] - u[:, 1]) ** 2 - u.sum(axis=1) / math.sqrt(40.0),
+        ot.Normal(dimension),
+        lambda u: 4.0 + 1.25 * (u[:, 0] - u[:, 1]) ** 2 - u.sum(axis=1) / math.sqrt(dimension),
         probability,
-        "quadrature of Phi(-(4 + 5/2 t^2)); Papaioannou et al., Probabilistic Engineering Mechanics 41 (2015)",
+        "quadrature of Phi(-(4 + 5/2 t^2)); Papaioannou et al. (2015) give 6.62e-6",
     )
 
 
@@ -182,8 +260,8 @@ def _noisyRidge() -> BenchmarkProblem:
     )
 
 
-def _twoModes() -> BenchmarkProblem:
-    q1, q2, q3 = (_cosineDirection(50, k) for k in (1, 2, 3))
+def _twoModes(dimension: int = 50) -> BenchmarkProblem:
+    q1, q2, q3 = (_cosineDirection(dimension, k) for k in (1, 2, 3))
     w2 = math.cos(2.2) * q1 + math.sin(2.2) * q2
 
     def components(u):
@@ -197,7 +275,7 @@ def _twoModes() -> BenchmarkProblem:
     probability = float(np.sum((1.0 - safe) * density) * (t[1] - t[0]))
     return BenchmarkProblem(
         "P4",
-        ot.Normal(50),
+        ot.Normal(dimension),
         components,
         probability,
         "quadrature of the bivariate normal distribution function",
@@ -206,23 +284,23 @@ def _twoModes() -> BenchmarkProblem:
     )
 
 
-def _radial() -> BenchmarkProblem:
-    squaredRadius = ot.ChiSquare(20.0).computeQuantile(1e-3, True)[0]
+def _radial(dimension: int = 20) -> BenchmarkProblem:
+    squaredRadius = ot.ChiSquare(dimension).computeQuantile(1e-3, True)[0]
     return BenchmarkProblem(
         "P5",
-        ot.Normal(20),
+        ot.Normal(dimension),
         lambda u: squaredRadius - (u**2).sum(axis=1),
         1e-3,
         "closed form: chi-square quantile",
     )
 
 
-def _hiddenFailure() -> BenchmarkProblem:
-    q1, q2 = (_cosineDirection(20, k) for k in (1, 2))
+def _hiddenFailure(dimension: int = 20) -> BenchmarkProblem:
+    q1, q2 = (_cosineDirection(dimension, k) for k in (1, 2))
     probability = _gaussianExpectation(lambda a: _normalProbability(-(3.0 + np.maximum(5.0 - 0.5 * a, 0.0) / 10.0)))
     return BenchmarkProblem(
         "P6",
-        ot.Normal(20),
+        ot.Normal(dimension),
         lambda u: 5.0 - 0.5 * (u @ q1) - 10.0 * np.maximum(u @ q2 - 3.0, 0.0),
         probability,
         "quadrature of Phi(-(3 + max(5 - a/2, 0)/10))",
@@ -230,12 +308,17 @@ def _hiddenFailure() -> BenchmarkProblem:
 
 
 def _norm1() -> BenchmarkProblem:
+    # Each |u_i| rounded to a grid, and twenty of them added by Fourier convolution.
+    step, size = 0.005, 2**15
+    cells = np.diff(erf((np.arange(size) + 0.5) * step / math.sqrt(2.0)), prepend=0.0)
+    total = irfft(rfft(cells) ** 20, size)
+    limit = round(29.5 / step)
     return BenchmarkProblem(
         "P7",
         ot.Normal(20),
         lambda u: 29.5 - np.abs(u).sum(axis=1),
-        NORM1_PROBABILITY,
-        "sampling from N(0, 1.25^2 I), 4e7 points, coefficient of variation 0.35 %",
+        float(total[limit + 1 :].sum() + 0.5 * total[limit]),
+        "convolution of twenty half-normal densities",
     )
 
 
@@ -247,8 +330,8 @@ def _rp8() -> BenchmarkProblem:
         "RP8",
         ot.JointDistribution(logNormal),
         lambda x: x @ np.array([1.0, 2.0, 2.0, 1.0, -5.0, -5.0]),
-        7.897928e-4,
-        "Rozsas and Slobbe, Repository and Black-box Reliability Challenge (2019), RP8",
+        7.89793e-4,
+        "convolution of the six densities by OpenTURNS; the RPRepo gives 7.84e-4",
     )
 
 
@@ -257,7 +340,7 @@ def _rp14() -> BenchmarkProblem:
         [
             ot.Uniform(70.0, 80.0),
             ot.Normal(39.0, 0.1),
-            ot.Gumbel(272.9, 1342.0),
+            ot.GumbelMuSigma(1500.0, 350.0).getDistribution(),
             ot.Normal(400.0, 0.1),
             ot.Normal(250000.0, 35000.0),
         ]
@@ -267,12 +350,21 @@ def _rp14() -> BenchmarkProblem:
         stress = 32.0 / (math.pi * x[:, 1] ** 3) * np.sqrt(x[:, 2] ** 2 * x[:, 3] ** 2 / 16.0 + x[:, 4] ** 2)
         return x[:, 0] - stress
 
+    # The uniform input fails below the stress; the two that hardly vary need few nodes.
+    nodes, weights = np.polynomial.hermite_e.hermegauss(3)
+    z = np.linspace(-8.0, 8.0, 321)
+    density = np.exp(-0.5 * z**2) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi)
+    force = np.asarray(distribution.getMarginal(2).computeQuantile(ndtr(z).tolist())).reshape(-1)
+    grid = np.meshgrid(0.0, 39.0 + 0.1 * nodes, force, 400.0 + 0.1 * nodes, 250000.0 + 35000.0 * z, indexing="ij")
+    stress = -evaluate(np.column_stack([axis.reshape(-1) for axis in grid])).reshape(3, 321, 3, 321)
+    failed = np.clip((stress - 70.0) / 10.0, 0.0, 1.0)
+    probability = float(np.einsum("ijkl,i,j,k,l", failed, weights, density, weights, density, optimize=True))
     return BenchmarkProblem(
         "RP14",
         distribution,
         evaluate,
-        7.7285e-4,
-        "Rozsas and Slobbe, Repository and Black-box Reliability Challenge (2019), RP14",
+        probability / (2.0 * math.pi),
+        "quadrature; otbenchmark gives 7.7285e-4",
     )
 
 
@@ -283,7 +375,7 @@ def _rp22() -> BenchmarkProblem:
         ot.Normal(2),
         lambda x: 2.5 - (x[:, 0] + x[:, 1]) / math.sqrt(2.0) + 0.1 * (x[:, 0] - x[:, 1]) ** 2,
         _gaussianExpectation(lambda b: _normalProbability(-(2.5 + 0.2 * b**2))),
-        "quadrature; Rozsas and Slobbe (2019) give 4.207305e-3 for RP22",
+        "quadrature; otbenchmark gives 4.207305e-3",
     )
 
 
@@ -293,7 +385,7 @@ def _rp54() -> BenchmarkProblem:
         ot.JointDistribution([ot.Exponential(1.0)] * 20),
         lambda x: x.sum(axis=1) - 8.951,
         ot.Gamma(20.0, 1.0).computeCDF(8.951),
-        "closed form: Gamma distribution; Rozsas and Slobbe (2019) give 9.98e-4 for RP54",
+        "closed form: Gamma distribution; otbenchmark gives 9.98e-4",
     )
 
 
@@ -307,7 +399,7 @@ def _rp63() -> BenchmarkProblem:
         ot.Normal(100),
         lambda x: 0.1 * (x[:, 1:] ** 2).sum(axis=1) - x[:, 0] - 4.5,
         probability,
-        "quadrature over the chi-square; Rozsas and Slobbe (2019) give 3.79e-4 for RP63",
+        "quadrature over the chi-square; otbenchmark gives 3.79e-4",
     )
 
 
@@ -339,19 +431,19 @@ def _rp91() -> BenchmarkProblem:
         ot.Normal(mean, deviation, ot.CorrelationMatrix(5)),
         components,
         probability,
-        "quadrature; Rozsas and Slobbe (2019) give 6.97e-4 for RP91",
+        "quadrature; otbenchmark gives 6.97e-4",
         outputDimension=3,
         composition=lambda y: y.min(axis=1),
     )
 
 
-def _rp107() -> BenchmarkProblem:
+def _rp107(dimension: int = 10) -> BenchmarkProblem:
     return BenchmarkProblem(
         "RP107",
-        ot.Normal(10),
-        lambda x: 5.0 * math.sqrt(10.0) - x.sum(axis=1),
+        ot.Normal(dimension),
+        lambda x: 5.0 * math.sqrt(dimension) - x.sum(axis=1),
         ot.DistFunc.pNormal(-5.0),
-        "closed form Phi(-5); Rozsas and Slobbe (2019) give 2.92e-7 for RP107",
+        "closed form Phi(-5); otbenchmark gives 2.92e-7",
     )
 
 
@@ -363,15 +455,14 @@ def _fourBranch() -> BenchmarkProblem:
         return np.column_stack([curved - total, curved + total, linear + difference, linear - difference])
 
     # In the rotated axes a = total, b = difference / sqrt(2): safe when |a| < 3 + 0.2 b^2 and |b| < 3.5.
-    probability = _gaussianExpectation(
-        lambda b: np.where(np.abs(b) >= 3.5, 1.0, 2.0 * _normalProbability(-(3.0 + 0.2 * b**2)))
-    )
+    curvedFailure, _ = quad(lambda b: 2.0 * ndtr(-(3.0 + 0.2 * b**2)) * ot.DistFunc.dNormal(b), -3.5, 3.5)
+    probability = float(curvedFailure + 2.0 * ndtr(-3.5))
     return BenchmarkProblem(
         "FourBranch",
         ot.Normal(2),
         components,
         probability,
-        "quadrature; four-branch series system of Waarts, TU Delft (2000)",
+        "quadrature; otbenchmark gives 2.222795e-3",
         outputDimension=4,
         composition=lambda y: y.min(axis=1),
     )
@@ -419,7 +510,6 @@ def _ridgeFactory(name: str) -> Callable[[], BenchmarkProblem]:
 
 
 NOISY_RIDGE_PROBABILITY = 1.9643e-3
-NORM1_PROBABILITY = 5.190e-6
 RIDGE_PROBABILITIES = {
     "Speed35": 1.27951e-3,
     "Norm35": 2.4002e-4,
@@ -428,7 +518,7 @@ RIDGE_PROBABILITIES = {
     "System35": 1.044157e-2,
 }
 
-_FACTORIES: dict[str, Callable[[], BenchmarkProblem]] = {
+_FACTORIES: dict[str, Callable[..., BenchmarkProblem]] = {
     "P1": _linear,
     "P2": _quadratic,
     "P3": _noisyRidge,
@@ -448,8 +538,18 @@ _FACTORIES: dict[str, Callable[[], BenchmarkProblem]] = {
 }
 
 
+# Problems whose probability is known for any number of inputs, and the least number that they need.
+_SMALLEST_DIMENSIONS = {"P1": 1, "P2": 2, "P4": 4, "P5": 1, "P6": 3, "RP107": 1}
+
+
 def getBenchmarkProblem(name: str) -> BenchmarkProblem:
     """The benchmark problem of that name.
+
+    Parameters
+    ----------
+    name : str
+        One of `getBenchmarkProblemNames`, and after it, joined by hyphens and applied in this order from the left:
+        ``d`` and a number of inputs (P1, P2, P4, P5, P6 and RP107), ``rotated``, ``rescaled``.
 
     Raises
     ------
@@ -461,10 +561,39 @@ def getBenchmarkProblem(name: str) -> BenchmarkProblem:
     >>> from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
     >>> getBenchmarkProblem("RP107")
     BenchmarkProblem(name=RP107, probability=2.8665e-07)
+    >>> getBenchmarkProblem("P1-d20-rotated").getDistribution().getDimension()
+    20
     """
-    if name not in _FACTORIES:
+    base, *variants = name.split("-")
+    if base not in _FACTORIES:
         raise ValueError(f"no benchmark problem is called {name!r}; there are {', '.join(_FACTORIES)}")
-    return _FACTORIES[name]()
+    problem = _FACTORIES[base]()
+    for place, variant in enumerate(variants):
+        if variant == "rotated":
+            problem = problem.rotated()
+        elif variant == "rescaled":
+            problem = problem.rescaled()
+        elif place == 0 and variant.startswith("d") and variant[1:].isdecimal():
+            problem = _resized(base, int(variant[1:]))
+        else:
+            raise ValueError(
+                f"{name!r} is no variant of a benchmark problem; after {base} there can be d and a number of inputs, "
+                "rotated, rescaled, in this order and joined by hyphens"
+            )
+    return problem
+
+
+def _resized(name: str, dimension: int) -> BenchmarkProblem:
+    if name not in _SMALLEST_DIMENSIONS:
+        raise ValueError(
+            f"{name} has one number of inputs; another one can be had of {', '.join(_SMALLEST_DIMENSIONS)}"
+        )
+    least = _SMALLEST_DIMENSIONS[name]
+    if not least <= dimension <= 1000:
+        raise ValueError(f"{name} is there with {least} to 1000 inputs, not with {dimension}")
+    problem = _FACTORIES[name](dimension)
+    problem._name = f"{name}-d{dimension}"
+    return problem
 
 
 def getBenchmarkProblemNames() -> list[str]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import openturns as ot
+from scipy.special import bdtr, stdtrit
 
 from satsep_ot.methods.benchmark_problems import BenchmarkProblem
 from satsep_ot.methods.comparison import ReliabilityComparison
@@ -21,6 +22,12 @@ _REFERENCE_ACCURACY = 5e-4
 _LARGEST_BIAS = 0.02
 _SMALLEST_COVERAGE = 0.9
 _TARGET = 0.05
+# What it takes to be called right: repetitions, and a standard error of the bias at which twice the limit would show.
+_LEAST_REPETITIONS = 10
+_BIAS_RESOLUTION = 0.5 * _LARGEST_BIAS
+# Chance to call a method wrong whose intervals hold the truth in just the smallest share.
+_SIGNIFICANCE = 0.025
+RIGHT, WRONG, OPEN = "right", "wrong", "open"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +43,8 @@ class BenchmarkTask:
         Arguments of :meth:`ActiveSubspaceReliability.setComponents`.
     gradientCost : float
         Evaluations that one gradient is worth in time.
+    probabilityError : float
+        Relative standard error of ``probability``, where that is itself an estimate.
 
     Examples
     --------
@@ -50,6 +59,7 @@ class BenchmarkTask:
     probability: float
     components: tuple | None = None
     gradientCost: float = 1.0
+    probabilityError: float = 0.0
 
     @staticmethod
     def of(problem: BenchmarkProblem) -> "BenchmarkTask":
@@ -69,7 +79,7 @@ class BenchmarkRow:
     repetitions, failed : int
         Repetitions, and those without a probability.
     bias, biasError : float
-        Of the mean over the repetitions, relative, with its standard error.
+        Of the mean over the repetitions, relative, with its standard error, that of the reference included.
     error, claimed : float
         Root mean square of the relative errors, and of the coefficients of variation that the method gave.
     coverage : float
@@ -79,11 +89,17 @@ class BenchmarkRow:
     cost : float
         Runs to an error of 5 %: runs x (error / 5 %)^2. A method that was asked for an error, or has no choice of its
         runs, is not given fewer than it made.
-    right : bool
-        Bias below 2 % and coverage at least 90 %, both as far as the number of repetitions can tell; a method without
-        an interval needs an error below 2 %. A repetition without a probability is never right.
+    verdict : str
+        ``"wrong"``: the 95 % interval of the bias (Student) is all above 2 % or all below -2 %, or the intervals hold
+        the truth so seldom that a method with a coverage of 90 % would do so with less than 2.5 % probability, or a
+        repetition has no probability. ``"right"``: not wrong, and the repetitions are evidence: ten or more, and a
+        standard error of the bias of at most 1 % beside that of the reference, so that a bias of 4 % would have
+        shown; two are enough of a method without an interval that says the same whatever the seed. ``"open"``:
+        neither.
+    needed : int
+        Repetitions after which an open verdict would be none.
     rank : int
-        Place by cost among the methods that are right on this problem.
+        Place by cost among the methods that are not wrong on this problem.
     message : str
         Of the first repetition that failed.
     """
@@ -101,9 +117,33 @@ class BenchmarkRow:
     gradients: float | None = None
     seconds: float | None = None
     cost: float | None = None
-    right: bool = False
+    verdict: str = OPEN
+    needed: int | None = None
     rank: int | None = None
     message: str = ""
+
+
+@dataclasses.dataclass
+class MethodSummary:
+    """A method over all problems of a benchmark.
+
+    Attributes
+    ----------
+    method : str
+    right, open, wrong : int
+        Numbers of problems by verdict.
+    cost : float or None
+        Runs to an error of 5 %, all problems together; None of a method that is wrong on one or has not been there.
+    costs : dict
+        Of each problem by its name, whatever the verdict.
+    """
+
+    method: str
+    right: int
+    open: int
+    wrong: int
+    cost: float | None
+    costs: dict[str, float]
 
 
 class ReliabilityBenchmark:
@@ -130,8 +170,8 @@ class ReliabilityBenchmark:
     >>> benchmark = ReliabilityBenchmark([BenchmarkTask.of(getBenchmarkProblem("RP107"))], ["FORM"], repetitions=2)
     >>> benchmark.run()
     >>> row = benchmark.getResult().getRows()[0]
-    >>> row.right, row.rank, row.error < 1e-6
-    (True, 1, True)
+    >>> row.verdict, row.rank, row.error < 1e-6
+    ('right', 1, True)
     """
 
     def __init__(
@@ -167,7 +207,7 @@ class ReliabilityBenchmark:
         """Keep every repetition in a file of JSON lines, and continue from what it holds.
 
         A line belongs to a problem, a method with its settings and a seed; one that an interruption has cut is made
-        again.
+        again. All repetitions of the file count, also those beyond the number that is asked for now.
         """
         self._path = None if path is None else Path(path)
 
@@ -177,25 +217,24 @@ class ReliabilityBenchmark:
 
     def run(self) -> None:
         """Make the repetitions that are not in the file."""
-        known = self._read()
-        rows = {}
+        known: dict[tuple[str, str], dict[int, Row]] = {}
         total, done = len(self._tasks) * len(self._methods) * self._repetitions, 0
         state = ot.RandomGenerator.GetState()
         try:
+            self._read(known)
             # Seed by seed: an interruption leaves every method with about as many repetitions.
             for seed in range(self._seed, self._seed + self._repetitions):
                 for task in self._tasks:
                     for method in self._methods:
                         self._report(f"{task.name}: {method.name}", done / total)
-                        key = json.dumps([task.name, repr(method), seed])
-                        if key not in known:
-                            known[key] = _repetition(task, method, seed)
-                            self._append(key, known[key])
-                        rows.setdefault((task.name, method.name), []).append(known[key])
+                        rows = known.setdefault((task.name, repr(method)), {})
+                        if seed not in rows:
+                            rows[seed] = _repetition(task, method, seed)
+                            self._append(task, method, seed, rows[seed])
                         done += 1
-                        self._result = ReliabilityBenchmarkResult(self._summaries(rows))
         finally:
             ot.RandomGenerator.SetState(state)
+            self._result = ReliabilityBenchmarkResult(self._summaries(known))
         self._report("done", 1.0)
 
     def getResult(self) -> "ReliabilityBenchmarkResult":
@@ -208,19 +247,18 @@ class ReliabilityBenchmark:
         if self._progressCallback is not None:
             self._progressCallback(label, share)
 
-    def _read(self):
+    def _read(self, known):
         if self._path is None or not self._path.exists():
-            return {}
-        known = {}
+            return
         for line in self._path.read_text(encoding="utf-8").splitlines():
             try:
                 entry = json.loads(line)
-                known[entry["key"]] = Row(**entry["row"])
-            except (json.JSONDecodeError, KeyError, TypeError):
+                problem, method, seed = json.loads(entry["key"])
+                known.setdefault((problem, method), {})[seed] = Row(**entry["row"])
+            except (json.JSONDecodeError, KeyError, TypeError, ValueError):
                 continue
-        return known
 
-    def _append(self, key, row):
+    def _append(self, task, method, seed, row):
         if self._path is None:
             return
         with self._path.open("a+b") as stream:
@@ -229,14 +267,16 @@ class ReliabilityBenchmark:
                 stream.seek(-1, os.SEEK_END)
                 if stream.read(1) != b"\n":
                     stream.write(b"\n")
-            stream.write((json.dumps({"key": key, "row": dataclasses.asdict(row)}) + "\n").encode())
+            entry = {"key": json.dumps([task.name, repr(method), seed]), "row": dataclasses.asdict(row)}
+            stream.write((json.dumps(entry) + "\n").encode())
 
-    def _summaries(self, rows):
+    def _summaries(self, known):
         summaries = []
         for task in self._tasks:
-            pairs = [(method, rows.get((task.name, method.name))) for method in self._methods]
-            mine = [_summary(task, method, part) for method, part in pairs if part]
-            for place, row in enumerate(sorted((r for r in mine if r.right), key=lambda r: r.cost), start=1):
+            pairs = [(method, known.get((task.name, repr(method)))) for method in self._methods]
+            mine = [_summary(task, method, [rows[seed] for seed in sorted(rows)]) for method, rows in pairs if rows]
+            ranked = sorted((row for row in mine if row.verdict != WRONG), key=lambda row: row.cost)
+            for place, row in enumerate(ranked, start=1):
                 row.rank = place
             summaries += mine
         return summaries
@@ -260,27 +300,40 @@ def _summary(task, method, rows):
     summary.gradients = float(np.mean([row.gradients for row in rows]))
     summary.seconds = float(np.mean([row.seconds for row in rows]))
     if not found:
+        summary.verdict = WRONG
         return summary
     ratios = np.array([row.probability for row in found]) / task.probability
     summary.bias = float(ratios.mean() - 1.0)
-    summary.biasError = float(ratios.std(ddof=1) / math.sqrt(len(ratios))) if len(ratios) > 1 else None
+    spread = float(ratios.std(ddof=1)) if len(ratios) > 1 else None
+    if spread is not None:
+        summary.biasError = math.hypot(spread / math.sqrt(len(ratios)), task.probabilityError)
     summary.error = float(np.sqrt(((ratios - 1.0) ** 2).mean()))
     claims = [row.coefficient_of_variation for row in found if row.coefficient_of_variation is not None]
     summary.claimed = float(np.sqrt(np.mean(np.square(claims)))) if claims else None
     intervals = [(row.lower95, row.upper95) for row in found if row.lower95 is not None]
+    inside = None
     if intervals:
         low, high = np.array(intervals).T
         slack = _REFERENCE_ACCURACY * task.probability
-        summary.coverage = float(np.mean((low <= task.probability + slack) & (task.probability - slack <= high)))
+        inside = int(np.count_nonzero((low <= task.probability + slack) & (task.probability - slack <= high)))
+        summary.coverage = inside / len(intervals)
     runs = summary.evaluations + task.gradientCost * summary.gradients
     factor = (summary.error / _TARGET) ** 2
     summary.cost = runs * (factor if method.fixedSize else max(factor, 1.0))
-    unbiased = abs(summary.bias) <= _LARGEST_BIAS + 2.0 * (summary.biasError or 0.0)
-    if summary.coverage is None:
-        summary.right = not failed and summary.error <= _LARGEST_BIAS
+    if failed or (inside is not None and bdtr(inside, len(intervals), _SMALLEST_COVERAGE) < _SIGNIFICANCE):
+        summary.verdict = WRONG
+        return summary
+    summary.needed = _LEAST_REPETITIONS
+    if spread is None:
+        return summary
+    width = stdtrit(len(ratios) - 1, 1.0 - _SIGNIFICANCE) * spread / math.sqrt(len(ratios))
+    same = inside is None and spread < _REFERENCE_ACCURACY
+    if abs(summary.bias) > _LARGEST_BIAS + math.hypot(width, 2.0 * task.probabilityError):
+        summary.verdict, summary.needed = WRONG, None
+    elif same or len(rows) >= max(_LEAST_REPETITIONS, (spread / _BIAS_RESOLUTION) ** 2):
+        summary.verdict, summary.needed = RIGHT, None
     else:
-        tolerance = 2.0 * math.sqrt(_SMALLEST_COVERAGE * (1.0 - _SMALLEST_COVERAGE) / len(found))
-        summary.right = not failed and unbiased and summary.coverage >= _SMALLEST_COVERAGE - tolerance
+        summary.needed = max(_LEAST_REPETITIONS, math.ceil((spread / _BIAS_RESOLUTION) ** 2))
     return summary
 
 
@@ -294,7 +347,7 @@ class ReliabilityBenchmarkResult:
     Examples
     --------
     >>> from satsep_ot.methods.reliability_benchmark import BenchmarkRow, ReliabilityBenchmarkResult
-    >>> row = BenchmarkRow("P1", "FORM", repetitions=1, failed=0, bias=0.0, error=0.0, cost=204.0, right=True)
+    >>> row = BenchmarkRow("P1", "FORM", repetitions=2, failed=0, bias=0.0, error=0.0, cost=204.0, verdict="right")
     >>> ReliabilityBenchmarkResult([row]).getRightMethods()
     ['FORM']
     """
@@ -311,8 +364,22 @@ class ReliabilityBenchmarkResult:
 
     def getRightMethods(self) -> list[str]:
         """Methods that are right on every problem."""
-        methods = dict.fromkeys(row.method for row in self._rows)
-        return [method for method in methods if all(row.right for row in self._rows if row.method == method)]
+        return [summary.method for summary in self.getSummaries() if summary.right == len(self._problems())]
+
+    def getSummaries(self) -> list["MethodSummary"]:
+        """What each method is over all problems: first those that are nowhere wrong, by their total cost."""
+        summaries = []
+        for method in dict.fromkeys(row.method for row in self._rows):
+            rows = [row for row in self._rows if row.method == method]
+            count = {verdict: sum(row.verdict == verdict for row in rows) for verdict in (RIGHT, OPEN, WRONG)}
+            costs = {row.problem: row.cost for row in rows if row.cost is not None}
+            complete = len(rows) == len(self._problems()) and count[WRONG] == 0
+            cost = sum(costs.values()) if complete else None
+            summaries.append(MethodSummary(method, count[RIGHT], count[OPEN], count[WRONG], cost, costs))
+        return sorted(summaries, key=lambda summary: (summary.cost is None, summary.cost, summary.wrong))
+
+    def _problems(self):
+        return list(dict.fromkeys(row.problem for row in self._rows))
 
     def getTable(self) -> list[dict]:
         """The rows as dictionaries of plain numbers, ready for JSON."""
@@ -327,69 +394,87 @@ class ReliabilityBenchmarkResult:
         return stream.getvalue()
 
     def toMarkdown(self) -> str:
-        """One Markdown table, best method first on each problem."""
-        header = [*_COLUMNS]
-        lines = ["| " + " | ".join(header) + " |", "| --- | --- |" + " ---: |" * (len(header) - 2)]
-        lines += ["| " + " | ".join(cells) + " |" for cells in self._cells()]
-        return "\n".join(lines)
+        """One Markdown table, best method first on each problem, and that of the methods over all problems."""
+        return f"{_markdown(self._cells(), 2)}\n\n{_markdown(self._summaryCells(), 1)}"
 
     def toText(self) -> str:
-        """The same table with aligned columns."""
-        cells = [list(_COLUMNS), *self._cells()]
-        widths = [max(len(row[column]) for row in cells) for column in range(len(_COLUMNS))]
-        return "\n".join(
-            "  ".join(
-                text.ljust(width) if column < 2 else text.rjust(width)
-                for column, (text, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in cells
-        )
+        """The same tables with aligned columns, then why there was no answer where there was none."""
+        messages = [f"{row.problem}, {row.method}: {row.message}" for row in self._rows if row.failed]
+        parts = [_text(self._cells(), 2), _text(self._summaryCells(), 1), "\n".join(messages)]
+        return "\n\n".join(part for part in parts if part)
 
     def _cells(self):
-        problems = list(dict.fromkeys(row.problem for row in self._rows))
         rows = sorted(
             self._rows,
             key=lambda row: (
-                problems.index(row.problem),
+                self._problems().index(row.problem),
                 row.rank or math.inf,
                 math.inf if row.cost is None else row.cost,
             ),
         )
-        return [[_cell(form, row) for form in _COLUMNS.values()] for row in rows]
+        return [[*_COLUMNS], *([form(row) for form in _COLUMNS.values()] for row in rows)]
+
+    def _summaryCells(self):
+        """Methods by problems: runs to an error of 5 %, and as a multiple of those of the first method."""
+        problems, summaries = self._problems(), self.getSummaries()
+        first = summaries[0] if summaries else None
+        header = ["method", "right", "open", "wrong", *problems, "all"]
+        verdicts = {(row.problem, row.method): row.verdict for row in self._rows}
+        cells = []
+        for summary in summaries:
+            counts = [str(count) for count in (summary.right, summary.open, summary.wrong)]
+            costs = []
+            for problem in problems:
+                verdict = verdicts.get((problem, summary.method))
+                if verdict in (None, WRONG):
+                    costs.append("" if verdict is None else "wrong")
+                else:
+                    costs.append(_multiple(summary.costs.get(problem), first.costs.get(problem)))
+            cells.append([summary.method, *counts, *costs, _multiple(summary.cost, first.cost)])
+        return [header, *cells]
 
     def drawCost(self) -> ot.Graph:
-        """Runs to an error of 5 % on each problem, of the methods that are right there."""
-        problems = list(dict.fromkeys(row.problem for row in self._rows))
-        methods = list(dict.fromkeys(row.method for row in self._rows if row.right))
-        graph = ot.Graph(
-            f"Problems, from the left: {', '.join(problems)}", "problem", "runs to an error of 5 %", True, "upper left"
-        )
-        palette = ot.Drawable.BuildDefaultPalette(max(len(methods), 1))
-        styles = ("fcircle", "square", "diamond", "triangleup", "plus", "times", "star")
-        for place, method in enumerate(methods):
-            points = [
-                [problems.index(row.problem) + 1.0, row.cost]
-                for row in self._rows
-                if row.method == method and row.right
-            ]
-            graph.add(ot.Cloud(ot.Sample(points), palette[place], styles[place % len(styles)], method))
-        graph.setLogScale(ot.GraphImplementation.LOGY)
+        """Runs to an error of 5 % on each problem, of the methods that are not wrong there."""
+        problems = self._problems()
+        rows = [row for row in self._rows if row.verdict != WRONG and row.cost]
+        graph = ot.Graph("Cost of the methods that are not wrong", "runs to an error of 5 %", "", True)
+        self._addClouds(graph, [(row, [row.cost, -float(problems.index(row.problem))]) for row in rows])
+        if rows:
+            # Problems from the top down; their names stand on the left, above the line, where room is kept for them.
+            least, most = min(row.cost for row in rows) / 1.5, max(row.cost for row in rows) * 1.5
+            left = least * (least / most) ** (0.014 * max(map(len, problems)))
+            names = ot.Text([[left, 0.2 - place] for place in range(len(problems))], problems, "right")
+            names.setColor("black")
+            graph.add(names)
+            graph.setLogScale(ot.GraphImplementation.LOGX)
+            graph.setBoundingBox(ot.Interval([left, 0.5 - len(problems)], [most, 0.5]))
+            graph.setTickLocation(ot.GraphImplementation.TICKX)
         return graph
 
     def drawErrors(self) -> ot.Graph:
         """Measured against claimed error; above the diagonal a method claims too much."""
         rows = [row for row in self._rows if row.claimed and row.error]
-        graph = ot.Graph("Measured and claimed error", "claimed", "measured", True, "upper left")
-        methods = list(dict.fromkeys(row.method for row in rows))
-        palette = ot.Drawable.BuildDefaultPalette(max(len(methods), 1))
-        for place, method in enumerate(methods):
-            points = [[row.claimed, row.error] for row in rows if row.method == method]
-            graph.add(ot.Cloud(ot.Sample(points), palette[place], "fcircle", method))
+        graph = ot.Graph("Measured and claimed error", "claimed", "measured", True)
+        self._addClouds(graph, [(row, [row.claimed, row.error]) for row in rows])
         if rows:
             edges = [min(min(row.claimed, row.error) for row in rows), max(max(row.claimed, row.error) for row in rows)]
-            graph.add(ot.Curve(edges, edges))
+            diagonal = ot.Curve(edges, edges)
+            diagonal.setColor("black")
+            graph.add(diagonal)
             graph.setLogScale(ot.GraphImplementation.LOGXY)
         return graph
+
+    def _addClouds(self, graph, points):
+        """A cloud for each method from pairs of a row and a point, and the legend beside the graph."""
+        methods = list(dict.fromkeys(row.method for row in self._rows))
+        palette = ot.Drawable.BuildDefaultPalette(max(len(methods), 1))
+        styles = ("fcircle", "fsquare", "fdiamond", "ftriangleup", "plus", "times", "star")
+        for place, method in enumerate(methods):
+            mine = [point for row, point in points if row.method == method]
+            if mine:
+                graph.add(ot.Cloud(ot.Sample(mine), palette[place], styles[place % len(styles)], method))
+        graph.setLegendPosition("upper left")
+        graph.setLegendCorner([1.02, 1.0])
 
 
 def _percent(value):
@@ -405,7 +490,8 @@ _COLUMNS: dict[str, Callable[[BenchmarkRow], str]] = {
     "problem": lambda row: row.problem,
     "method": lambda row: row.method,
     "rank": lambda row: "" if row.rank is None else str(row.rank),
-    "right": lambda row: "yes" if row.right else "no",
+    "verdict": lambda row: row.verdict if row.needed is None else f"open, needs {row.needed}",
+    "repetitions": lambda row: str(row.repetitions),
     "bias [%]": lambda row: _percent(row.bias),
     "+- [%]": lambda row: _percent(row.biasError),
     "error [%]": lambda row: _percent(row.error),
@@ -418,5 +504,27 @@ _COLUMNS: dict[str, Callable[[BenchmarkRow], str]] = {
 }
 
 
-def _cell(form, row):
-    return form(row).replace("|", "/")
+def _multiple(cost, least):
+    """A cost, and how often it holds another one."""
+    if cost is None:
+        return ""
+    return _number(cost) if not least or cost == least else f"{_number(cost)} (x {cost / least:.3g})"
+
+
+def _markdown(cells, names):
+    """A Markdown table whose first columns are names and whose other columns are numbers."""
+    header, *rows = [[cell.replace("|", "/") for cell in row] for row in cells]
+    rule = "|" + " --- |" * names + " ---: |" * (len(header) - names)
+    return "\n".join([f"| {' | '.join(header)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _text(cells, names):
+    """The same with aligned columns."""
+    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
+    return "\n".join(
+        "  ".join(
+            text.ljust(width) if column < names else text.rjust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in cells
+    )

@@ -745,7 +745,7 @@ def _limited(algorithm, target, maximum, block=100):
 
 
 class NAIS(LevelMethod):
-    """OpenTURNS' non-parametric adaptive importance sampling.
+    """OpenTURNS' non-parametric adaptive importance sampling, in standard space, since it refuses bounded inputs.
 
     Its density is a kernel smoothing of the failed points in all inputs, which needs a number of points that grows
     exponentially with their number: right with 4 inputs, biased low by a quarter with 20 and worthless with 35.
@@ -765,7 +765,10 @@ class NAIS(LevelMethod):
     """
 
     name = "NAIS"
-    algorithm = ot.NAIS
+
+    @staticmethod
+    def algorithm(event, quantile):
+        return ot.NAIS(ot.StandardEvent(event), quantile)
 
     def __init__(self, levelSize=2000, quantile=0.1):
         super().__init__(levelSize, quantile)

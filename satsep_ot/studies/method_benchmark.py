@@ -1,12 +1,15 @@
 """Reliability methods on published problems and on the reference case, whose probabilities are known."""
 
 import json
-import os
-import tempfile
+import math
 from pathlib import Path
+
+from matplotlib.figure import Figure
+from openturns.viewer import View
 
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchmarkProblemNames
 from satsep_ot.methods.reliability_benchmark import BenchmarkTask
+from satsep_ot.methods.result_storage import writeWhole
 from satsep_ot.model.separation_problem import SeparationProblem
 
 # Violations in Monte Carlo runs of the reference case (tests/benchmarks/reference_truth.py, seeds 0 to 39).
@@ -21,7 +24,13 @@ REFERENCE_VIOLATIONS = {
 # Time of the gradient of the components over that of a run (tests/benchmarks/simulator_speed.txt).
 REFERENCE_GRADIENT_COST = 5.6
 # Names that stand for several problems.
-PUBLISHED, REFERENCE = "published", "reference"
+PUBLISHED, VARIANTS, REFERENCE = "published", "variants", "reference"
+# Published problems turned, in other units and with other numbers of inputs.
+_VARIANT_NAMES = (
+    "P1-rotated", "P1-rescaled", "P2-rotated", "P2-rescaled", "P3-rotated", "P3-rescaled", "P4-rotated", "P4-rescaled",
+    "P5-rotated", "P5-rescaled", "RP8-rotated", "RP8-rescaled", "RP54-rotated", "RP54-rescaled", "P1-d20", "P1-d300",
+    "P2-d10", "P2-d150", "P4-d10", "P4-d200", "P5-d5", "P5-d60", "P4-d25-rotated-rescaled",
+)  # fmt: skip
 
 
 def _reference_names():
@@ -46,7 +55,8 @@ def benchmark_tasks(names):
     Parameters
     ----------
     names : sequence of str
-        Of `benchmark_names`, or ``published`` or ``reference`` for all of them.
+        Of `benchmark_names`, or ``published`` or ``reference`` for all of them, or a variant of a published one as
+        :func:`satsep_ot.methods.benchmark_problems.getBenchmarkProblem` knows it, or ``variants`` for some.
 
     Returns
     -------
@@ -57,13 +67,14 @@ def benchmark_tasks(names):
     ValueError
         If there is no such problem.
     """
-    groups = {PUBLISHED: getBenchmarkProblemNames(), REFERENCE: list(_reference_names())}
+    groups = {PUBLISHED: getBenchmarkProblemNames(), VARIANTS: _VARIANT_NAMES, REFERENCE: list(_reference_names())}
     wanted = list(dict.fromkeys(single for name in names for single in groups.get(name, [name])))
-    unknown = [name for name in wanted if name not in benchmark_names()]
-    if unknown:
-        raise ValueError(
-            f"'{unknown[0]}' is no benchmark problem; there are {', '.join([*groups, *benchmark_names()])}"
-        )
+    for name in wanted:
+        if name not in _reference_names() and name.split("-")[0] not in getBenchmarkProblemNames():
+            raise ValueError(
+                f"'{name}' is no benchmark problem; there are {', '.join([*groups, *benchmark_names()])}, and variants "
+                "of the published ones such as P1-d20-rotated and RP8-rescaled"
+            )
     return [_reference_task(name) if name in _reference_names() else _published_task(name) for name in wanted]
 
 
@@ -75,17 +86,19 @@ def _reference_task(name):
     requirement = _reference_names()[name]
     problem = SeparationProblem("reference")
     system = requirement not in problem.getRequirementNames()
+    share = REFERENCE_VIOLATIONS[requirement] / REFERENCE_RUNS
     return BenchmarkTask(
         name,
         problem.getSystemEvent() if system else problem.getEvent(requirement),
-        REFERENCE_VIOLATIONS[requirement] / REFERENCE_RUNS,
+        share,
         problem.getComponents(None if system else requirement),
         REFERENCE_GRADIENT_COST,
+        math.sqrt((1.0 - share) / (share * REFERENCE_RUNS)),
     )
 
 
 def save_benchmark(result, directory):
-    """Write the table as Markdown, CSV and JSON, each file whole or not at all.
+    """Write the tables as Markdown, CSV and JSON and the graphs as PNG, each file whole or not at all.
 
     Parameters
     ----------
@@ -98,19 +111,23 @@ def save_benchmark(result, directory):
     paths : list of Path
     """
     texts = {
-        "benchmark.md": result.toMarkdown() + "\n",
-        "benchmark.csv": result.toCSV(),
-        "benchmark.json": json.dumps(result.getTable(), indent=2, allow_nan=False) + "\n",
+        "benchmark.md": f"{result.toMarkdown()}\n".encode(),
+        "benchmark.csv": result.toCSV().encode(),
+        "benchmark.json": f"{json.dumps(result.getTable(), indent=2, allow_nan=False)}\n".encode(),
     }
-    paths = []
-    for name, text in texts.items():
-        handle, temporary = tempfile.mkstemp(dir=directory, suffix=".part")
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as stream:
-                stream.write(text)
-            paths.append(Path(directory) / name)
-            os.replace(temporary, paths[-1])
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+    height = max(2.0 + 0.35 * len({row.problem for row in result.getRows()}), 4.5)
+    graphs = {"cost.png": (result.drawCost(), height), "errors.png": (result.drawErrors(), 6.0)}
+    directory = Path(directory)
+    paths = [writeWhole(directory / name, lambda stream, text=text: stream.write(text)) for name, text in texts.items()]
+    for name, (graph, size) in graphs.items():
+        if not graph.getDrawables():
+            continue
+        figure = Figure(figsize=(9.0, size))
+        View(graph, figure=figure)
+        paths.append(writeWhole(directory / name, lambda stream, figure=figure: _save(figure, stream)))
     return paths
+
+
+def _save(figure, stream):
+    # The legend stands beside the axes.
+    figure.savefig(stream, format="png", dpi=120, bbox_inches="tight")

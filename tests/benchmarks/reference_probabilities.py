@@ -1,9 +1,18 @@
-"""Recompute the reference probabilities of benchmark_problems.py that have no closed form (about five minutes)."""
+"""The reference probabilities of benchmark_problems.py: all of them, and those by sampling and by convolution anew.
+
+    python tests/benchmarks/reference_probabilities.py [--sample]
+
+About five minutes with the sampling.
+"""
+
+import sys
+from importlib import metadata
 
 import numpy as np
+import openturns as ot
 
 from satsep_ot.methods import benchmark_problems
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchmarkProblems
 
 CHUNK = 200_000
 
@@ -34,9 +43,30 @@ def ridges(points, seed=0):
     return {name: count / points for name, count in counts.items()}
 
 
+def convolution():
+    """RP8: a sum of independent inputs, which OpenTURNS adds by the characteristic function."""
+    marginals = getBenchmarkProblem("RP8").getDistribution()
+    terms = [marginals.getMarginal(i) * factor for i, factor in enumerate((1.0, 2.0, 2.0, 1.0, -5.0, -5.0))]
+    total = terms[0]
+    for term in terms[1:]:
+        total = total + term
+    return ot.Distribution(total).computeCDF(0.0)
+
+
+def main(sample=False):
+    versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("satsep-ot", "openturns", "numpy", "scipy"))
+    print(versions)
+    for problem in getBenchmarkProblems():
+        dimension = problem.getDistribution().getDimension()
+        print(f"{problem.getName():10s} {dimension:3d} inputs  {problem.getProbability():.5e}  {problem.getSource()}")
+    print(f"RP8 by convolution: {convolution():.6e}")
+    if sample:
+        shift = 3.0 * benchmark_problems._cosineDirection(30, 1)
+        for name, points, *settings in (("P3", 20_000_000, shift), ("P7", 40_000_000, 0.0, 1.25)):
+            mean, variation = importanceSampling(getBenchmarkProblem(name), points, *settings)
+            print(f"{name} by importance sampling: {mean:.5e}, coefficient of variation {variation:.1e}")
+        print(f"Monte Carlo: {ridges(100_000_000)}")
+
+
 if __name__ == "__main__":
-    shift = 3.0 * benchmark_problems._cosineDirection(30, 1)
-    for name, points, *settings in (("P3", 20_000_000, shift), ("P7", 40_000_000, 0.0, 1.25)):
-        mean, variation = importanceSampling(getBenchmarkProblem(name), points, *settings)
-        print(f"{name}: {mean:.5e}, coefficient of variation {variation:.1e}")
-    print(ridges(100_000_000))
+    main("--sample" in sys.argv[1:])
