@@ -141,6 +141,15 @@ def test_a_value_that_is_not_a_number_is_an_error_and_not_a_run_without_failure(
     assert "not finite" in row.note
 
 
+def test_nais_and_lines_take_bounded_inputs():
+    """OpenTURNS' NAIS refuses them where they are; in standard space nothing is bounded."""
+    distribution = ot.JointDistribution([ot.Uniform(0.0, 1.0), ot.Uniform(0.0, 2.0)])
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["2 * a + b"]), ot.RandomVector(distribution))
+    # The corner above 2 a + b = 3.9 is a triangle of legs 0.05 and 0.1 in an area of 2.
+    for row in run(ot.ThresholdEvent(vector, ot.Greater(), 3.9), [c.NAIS(4000), c.LineSampling()]).getRows():
+        assert row.probability == pytest.approx(0.5 * 0.05 * 0.1 / 2.0, rel=5.0 * row.coefficient_of_variation), row
+
+
 def test_union_event_is_compared_by_its_limit_state():
     x = ot.RandomVector(ot.Normal(2))
     events = [
@@ -171,6 +180,10 @@ def test_tables_and_graph_hold_every_row():
     result = run(Recorder().event, ["FORM", c.MonteCarlo(20_000)])
     assert result.toCSV().splitlines()[1].startswith("FORM,0.00186")
     assert len(result.toMarkdown().splitlines()) == 4
+    text = result.toText().splitlines()
+    assert [line.split()[0] for line in text[:3]] == ["method", "FORM", "MonteCarlo"]
+    assert len({len(line) for line in text[:3]}) == 1
+    assert text[-1].startswith("MonteCarlo: ")
     assert [row["method"] for row in result.getTable()] == ["FORM", "MonteCarlo"]
     assert len(result.drawProbabilities().getDrawables()) == 3
     with pytest.raises(ValueError, match="no row"):

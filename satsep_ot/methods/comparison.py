@@ -204,19 +204,32 @@ class ReliabilityComparisonResult:
 
     def toMarkdown(self) -> str:
         """The rows as a Markdown table."""
-        names = [field.name for field in dataclasses.fields(Row)]
-        lines = ["| " + " | ".join(names) + " |", "|" + " --- |" * len(names)]
-        for row in self.getTable():
-            cells = ["" if v is None else f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()]
-            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-        return "\n".join(lines)
+        return markdownTable(self._cells(), 1)
+
+    def toText(self) -> str:
+        """The same table with aligned columns, and below it what the methods say of their results."""
+        notes = [f"{row.method}: {row.note}" for row in self._rows if row.note]
+        return "\n\n".join(
+            part for part in (textTable([row[:-1] for row in self._cells()], 1), "\n".join(notes)) if part
+        )
+
+    def _cells(self):
+        rows = [
+            ["" if v is None else f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()]
+            for row in self.getTable()
+        ]
+        return [[field.name for field in dataclasses.fields(Row)], *rows]
 
     def drawProbabilities(self) -> ot.Graph:
         """Probability of each method with its 95 % interval, on a logarithmic axis."""
-        graph = ot.Graph("Probability by method", "probability", "method", True, "upper right")
+        graph = ot.Graph("Probability by method", "probability", "", True, "upper left")
+        # The legend stands beside the axes, where it hides nothing, in the order of the bars.
+        graph.setLegendCorner([1.02, 1.0])
+        graph.setTickLocation(ot.GraphImplementation.TICKX)
         shown = [row for row in self._rows if row.probability]
-        for height, row in enumerate(shown):
-            color = ot.Drawable.BuildDefaultPalette(len(shown))[height]
+        for place, row in enumerate(shown):
+            height = -float(place)
+            color = ot.Drawable.BuildDefaultPalette(len(shown))[place]
             graph.add(ot.Cloud([[row.probability, height]], color, "fcircle", row.method))
             if row.lower95 is not None and row.lower95 > 0.0:
                 bar = ot.Curve([row.lower95, row.upper95], [height, height])
@@ -225,3 +238,53 @@ class ReliabilityComparisonResult:
                 graph.add(bar)
         graph.setLogScale(ot.GraphImplementation.LOGX)
         return graph
+
+
+def markdownTable(cells: list[list[str]], names: int) -> str:
+    """A Markdown table whose first columns are names and whose other columns are numbers.
+
+    Parameters
+    ----------
+    cells : list of rows of str
+        The first row is the header.
+    names : int
+        Number of columns that are aligned on the left.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import markdownTable
+    >>> print(markdownTable([["method", "runs"], ["FORM", "12"]], 1))
+    | method | runs |
+    | --- | ---: |
+    | FORM | 12 |
+    """
+    header, *rows = [[cell.replace("|", "\\|") for cell in row] for row in cells]
+    rule = "|" + " --- |" * names + " ---: |" * (len(header) - names)
+    return "\n".join([f"| {' | '.join(header)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def textTable(cells: list[list[str]], names: int) -> str:
+    """The same with columns that are aligned by spaces.
+
+    Parameters
+    ----------
+    cells : list of rows of str
+        The first row is the header.
+    names : int
+        Number of columns that are aligned on the left.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison import textTable
+    >>> print(textTable([["method", "runs"], ["FORM", "12"]], 1))
+    method  runs
+    FORM      12
+    """
+    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
+    return "\n".join(
+        "  ".join(
+            text.ljust(width) if column < names else text.rjust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in cells
+    )

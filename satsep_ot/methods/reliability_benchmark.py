@@ -14,7 +14,7 @@ import openturns as ot
 from scipy.special import bdtr, stdtrit
 
 from satsep_ot.methods.benchmark_problems import BenchmarkProblem
-from satsep_ot.methods.comparison import ReliabilityComparison
+from satsep_ot.methods.comparison import ReliabilityComparison, markdownTable, textTable
 from satsep_ot.methods.reliability_methods import METHODS, ReliabilityMethod, Row, makeMethod
 
 # An interval narrower than the digits of the reference is not held against a method.
@@ -395,12 +395,12 @@ class ReliabilityBenchmarkResult:
 
     def toMarkdown(self) -> str:
         """One Markdown table, best method first on each problem, and that of the methods over all problems."""
-        return f"{_markdown(self._cells(), 2)}\n\n{_markdown(self._summaryCells(), 1)}"
+        return f"{markdownTable(self._cells(), 2)}\n\n{markdownTable(self._summaryCells(), 1)}"
 
     def toText(self) -> str:
         """The same tables with aligned columns, then why there was no answer where there was none."""
         messages = [f"{row.problem}, {row.method}: {row.message}" for row in self._rows if row.failed]
-        parts = [_text(self._cells(), 2), _text(self._summaryCells(), 1), "\n".join(messages)]
+        parts = [textTable(self._cells(), 2), textTable(self._summaryCells(), 1), "\n".join(messages)]
         return "\n\n".join(part for part in parts if part)
 
     def _cells(self):
@@ -509,22 +509,3 @@ def _multiple(cost, least):
     if cost is None:
         return ""
     return _number(cost) if not least or cost == least else f"{_number(cost)} (x {cost / least:.3g})"
-
-
-def _markdown(cells, names):
-    """A Markdown table whose first columns are names and whose other columns are numbers."""
-    header, *rows = [[cell.replace("|", "/") for cell in row] for row in cells]
-    rule = "|" + " --- |" * names + " ---: |" * (len(header) - names)
-    return "\n".join([f"| {' | '.join(header)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
-
-
-def _text(cells, names):
-    """The same with aligned columns."""
-    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
-    return "\n".join(
-        "  ".join(
-            text.ljust(width) if column < names else text.rjust(width)
-            for column, (text, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in cells
-    )
