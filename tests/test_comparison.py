@@ -48,6 +48,7 @@ def run(event, methods, **options):
 
 METHODS = [
     c.ActiveSubspace(),
+    c.SafeActiveSubspace(),
     c.FORM(),
     c.MultiFORM(2),
     c.SORM(),

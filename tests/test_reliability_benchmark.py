@@ -202,6 +202,18 @@ def test_seeds_repeat_and_the_state_of_the_generator_is_kept():
     assert rows([MonteCarlo(500)])["MonteCarlo"].error == first.error > 0.0
 
 
+def test_the_active_subspace_does_not_care_for_axes_and_units():
+    """The limit state in other coordinates and units has the same probability, found for about as many runs."""
+    names = ("P5-d5", "P5-d5-rotated-rescaled")
+    benchmark = ReliabilityBenchmark([BenchmarkTask.of(getBenchmarkProblem(n)) for n in names], ["ActiveSubspace"], 2)
+    benchmark.run()
+    plain, turned = benchmark.getResult().getRows()
+    for row in (plain, turned):
+        assert (row.failed, row.coverage) == (0, 1.0)
+        assert row.error < 0.05
+    assert turned.evaluations < 1.3 * plain.evaluations
+
+
 def test_published_problem_with_components_and_tables():
     benchmark = ReliabilityBenchmark(
         [BenchmarkTask.of(getBenchmarkProblem(name)) for name in ("FourBranch", "RP107")],

@@ -217,7 +217,7 @@ class ActiveSubspace(ReliabilityMethod):
 
     def __repr__(self):
         return (
-            f"ActiveSubspace(targetCoefficientOfVariation={self.targetCoefficientOfVariation}, "
+            f"{type(self).__name__}(targetCoefficientOfVariation={self.targetCoefficientOfVariation}, "
             f"maximumEvaluations={self.maximumEvaluations}, mode={self.mode!r})"
         )
 
@@ -244,6 +244,23 @@ class ActiveSubspace(ReliabilityMethod):
             converged=result.getConverged(),
             note=result.getReason(),
         )
+
+
+class SafeActiveSubspace(ActiveSubspace):
+    """`ActiveSubspace` in its mode ``"safe"``, which starts with a short subset simulation: for failure that nothing
+    near the mean points at.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.reliability_methods import SafeActiveSubspace
+    >>> SafeActiveSubspace(maximumEvaluations=10000).mode
+    'safe'
+    """
+
+    name = "SafeActiveSubspace"
+
+    def __init__(self, targetCoefficientOfVariation=0.05, maximumEvaluations=20_000):
+        super().__init__(targetCoefficientOfVariation, maximumEvaluations, "safe")
 
 
 class FORM(ReliabilityMethod):
@@ -779,6 +796,7 @@ METHODS: dict[str, type[ReliabilityMethod]] = {
     method.name: method
     for method in (
         ActiveSubspace,
+        SafeActiveSubspace,
         FORM,
         MultiFORM,
         SORM,

@@ -11,6 +11,7 @@ from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchma
 from satsep_ot.methods.reliability_benchmark import BenchmarkTask
 from satsep_ot.methods.result_storage import writeWhole
 from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies.results_directory import ResultsDirectory, package_versions
 
 # Violations in Monte Carlo runs of the reference case (tests/benchmarks/reference_truth.py, seeds 0 to 39).
 REFERENCE_RUNS = 10_000_000
@@ -22,9 +23,11 @@ REFERENCE_VIOLATIONS = {
     "any requirement": 84013,
 }
 # Time of the gradient of the components over that of a run (tests/benchmarks/simulator_speed.txt).
-REFERENCE_GRADIENT_COST = 5.6
+REFERENCE_GRADIENT_COST = 6.2
 # Names that stand for several problems.
 PUBLISHED, VARIANTS, REFERENCE = "published", "variants", "reference"
+# What a benchmark writes.
+_WRITTEN = ("runs.jsonl", "benchmark.md", "benchmark.csv", "benchmark.json", "cost.png", "errors.png")
 # Published problems turned, in other units and with other numbers of inputs.
 _VARIANT_NAMES = (
     "P1-rotated", "P1-rescaled", "P2-rotated", "P2-rescaled", "P3-rotated", "P3-rescaled", "P4-rotated", "P4-rescaled",
@@ -94,6 +97,36 @@ def _reference_task(name):
         problem.getComponents(None if system else requirement),
         REFERENCE_GRADIENT_COST,
         math.sqrt((1.0 - share) / (share * REFERENCE_RUNS)),
+    )
+
+
+def open_benchmark_directory(path, resume=False, overwrite=False, command=""):
+    """Take a directory for a benchmark.
+
+    Repetitions are kept one by one, each with its problem, method, settings and seed: those of other problems, methods
+    and seeds may be added to them, but not those of other versions of the packages.
+
+    Parameters
+    ----------
+    path : str or path
+    resume : bool
+        Continue from, or add to, the repetitions that are there.
+    overwrite : bool
+        Remove them.
+    command : str
+        What the user has typed, for `origin.json`.
+
+    Returns
+    -------
+    directory : :class:`satsep_ot.studies.results_directory.ResultsDirectory`
+
+    Raises
+    ------
+    DirectoryError
+        The directory holds something else, or a benchmark and neither `resume` nor `overwrite` is given.
+    """
+    return ResultsDirectory(
+        path, "benchmark", {"versions": package_versions()}, _WRITTEN, None, resume, overwrite, {"command": command}
     )
 
 
