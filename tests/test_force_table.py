@@ -102,7 +102,7 @@ def test_a_table_for_one_spring_beside_linear_ones():
         ("table = 3", "springs.table = 3, but it must be rows"),
         ("table = 'none.csv'", "springs.table: none.csv: there is no such file"),
         ("table = '.'", "the file cannot be read"),
-        ("table = 'a\\u0000b'".replace("'", '"'), "the file cannot be read"),
+        ("table = 'a\\u0000b'".replace("'", '"'), "but it must be rows [[stroke, force], ...] or the name"),
     ],
 )
 def test_tables_that_are_refused_in_a_case(text, words):

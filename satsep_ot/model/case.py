@@ -6,8 +6,9 @@ The annotated file `cases/reference.toml` of this package names every key with i
 import itertools
 import math
 import os
+import re
 import tomllib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import resources
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from satsep_ot.dynamics.relative_orbit import Recontact, check_orbit, stack_orbi
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles, quaternion_from_matrix, rotation_matrix
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs, umbilical
 from satsep_ot.dynamics.springs import ForceLine
-from satsep_ot.model.force_table import checked_force_table, read_force_table
+from satsep_ot.model.force_table import checked_force_table, force_table_text, parse_force_table
 from satsep_ot.model.inputs import (
     Target,
     UncertainInput,
@@ -36,6 +37,7 @@ _DEGREE = math.pi / 180.0
 _MILLI = 1e-3
 _KILO = 1e3
 _MAXIMUM_SPRINGS = 1000
+_LONGEST_FILE = 4_000_000  # characters
 # Where the push, along y, points -> where the position and the horizontal part of the velocity point in body axes at
 # t = 0.
 _PUSHES = {
@@ -119,6 +121,8 @@ class Case:
         Dependence of the inputs, in their order. None: independent.
     text : str
         The case file as it was read; empty for a case that does not come from one.
+    files : dict of str to str
+        The force-stroke tables that it names, as they were read, by their paths from its folder.
 
     Examples
     --------
@@ -135,6 +139,7 @@ class Case:
     requirements: tuple[Requirement, ...] = ()
     copula: ot.NormalCopula | None = None
     text: str = ""
+    files: dict[str, str] = field(default_factory=dict)
 
 
 def shipped_cases() -> list[str]:
@@ -181,7 +186,8 @@ def load_case(source: str | os.PathLike | Case = "reference") -> Case:
         return parse_case(text, f"{source}.toml")
     path = Path(source)
     try:
-        text = path.read_text(encoding="utf-8")
+        with path.open(encoding="utf-8") as stream:
+            text = stream.read(_LONGEST_FILE + 1)
     except FileNotFoundError as error:
         shipped = ", ".join(shipped_cases())
         raise CaseError(
@@ -191,6 +197,8 @@ def load_case(source: str | os.PathLike | Case = "reference") -> Case:
         raise CaseError(f"{path}: the file is not UTF-8 text, as TOML must be") from error
     except (OSError, ValueError) as error:
         raise CaseError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if len(text) > _LONGEST_FILE:
+        raise CaseError(f"{path}: the file has more than {_LONGEST_FILE} characters, which no case needs")
     return parse_case(text, str(path))
 
 
@@ -271,13 +279,14 @@ def parse_case(text: str, file: str = "case") -> Case:
         raise root.error("inputs", entries, "a table with one entry for each uncertain input")
     inputs = _inputs(file, entries, separation)
     return Case(
-        name=root.text("name", Path(file).stem),
+        name=root.name("name", "") if "name" in root else Path(file).stem,
         description=root.text("description", ""),
         separation=separation,
         inputs=inputs,
         requirements=_requirements(root, separation),
         copula=_copula(root, inputs),
         text=text,
+        files=root.texts,
     )
 
 
@@ -305,8 +314,10 @@ _MISSING = object()
 class _Table:
     """One table of the file, read key by key; every refusal names file, key, what was given and what is allowed."""
 
-    def __init__(self, file, path, data, keys):
+    def __init__(self, file, path, data, keys, texts=None):
         self.file, self.path, self.data = file, path, data
+        # Of the further files that were read, by their names.
+        self.texts = {} if texts is None else texts
         for key in data:
             if key not in keys:
                 hint = did_you_mean(key, keys) or f"; the keys here are {', '.join(keys)}"
@@ -316,12 +327,10 @@ class _Table:
         return key in self.data
 
     def key(self, key):
-        return f"{self.path}.{key}" if self.path else key
+        return f"{self.path}.{_key_shown(key)}" if self.path else _key_shown(key)
 
     def error(self, key, given, allowed):
-        shown = repr(given)
-        shown = shown if len(shown) <= 60 else shown[:57] + "..."
-        return CaseError(f"{self.file}: {self.key(key)} = {shown}, but it must be {allowed}")
+        return CaseError(f"{self.file}: {self.key(key)} = {_shown(given)}, but it must be {allowed}")
 
     def get(self, key, default, allowed):
         if key in self.data:
@@ -336,7 +345,7 @@ class _Table:
             return None
         if not isinstance(data, dict):
             raise self.error(key, data, f"a table, [{key}]")
-        return _Table(self.file, self.key(key), data, keys)
+        return _Table(self.file, self.key(key), data, keys, self.texts)
 
     def tables(self, key, keys, one=False):
         """The tables of a list, each headed [[key]]; none where it is left out. With `one`, a single [key] will do."""
@@ -351,6 +360,12 @@ class _Table:
         value = self.get(key, default, "a text")
         if not isinstance(value, str):
             raise self.error(key, value, "a text in quotes")
+        return value
+
+    def name(self, key, default):
+        value = self.text(key, default)
+        if not _is_name(value):
+            raise self.error(key, value, _NAME)
         return value
 
     def choice(self, key, choices, default):
@@ -399,6 +414,24 @@ class _Table:
         if not isinstance(value, list) or len(value) != count or not all(_is_number(v, sign, below) for v in value):
             raise self.error(key, value, allowed)
         return [float(v) for v in value]
+
+
+_NAME = "a name of 1 to 100 printable characters"
+
+
+def _is_name(value, longest=100):
+    return 0 < len(value.strip()) <= len(value) <= longest and value.isprintable()
+
+
+def _shown(value):
+    """A value as a message quotes it: on one line, and not too much of it."""
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _key_shown(key):
+    """A key as TOML writes it: in quotes unless it is a plain word."""
+    return key if re.fullmatch(r"[A-Za-z0-9_.-]{1,60}", key) else _shown(key)
 
 
 def _allowed(what, unit, sign, below):
@@ -561,20 +594,24 @@ def _force_tables(table, stroke):
     entries = value if isinstance(value, dict) else dict.fromkeys(keys, value)
     for key in entries:
         if key not in keys:
-            raise CaseError(f"{table.file}: springs.table.{key} is not a known key; the springs are 1 to {count}")
+            raise CaseError(
+                f"{table.file}: springs.table.{_key_shown(key)} is not a known key; the springs are 1 to {count}"
+            )
     tables = []
     for key, needed in zip(keys, stroke, strict=True):
         where = f"{table.file}: springs.table" + (f".{key}" if isinstance(value, dict) else "")
-        tables.append(_force_table(table.file, where, entries[key], needed) if key in entries else None)
+        tables.append(_force_table(table, where, entries[key], needed) if key in entries else None)
     return tuple(tables)
 
 
-def _force_table(file, where, value, stroke):
-    if not isinstance(value, (str, list)):
-        raise CaseError(f"{where} = {value!r}, but it must be rows [[stroke, force], ...] or the name of a CSV file")
+def _force_table(table, where, value, stroke):
+    if not (isinstance(value, list) or (isinstance(value, str) and _is_name(value, longest=1000))):
+        raise CaseError(
+            f"{where} = {_shown(value)}, but it must be rows [[stroke, force], ...] or the name of a CSV file"
+        )
     is_file = isinstance(value, str)
     try:
-        rows = read_force_table(Path(file).parent / value) if is_file else checked_force_table(value, where)
+        rows = _read_table(table, value) if is_file else checked_force_table(value, where)
     except ValueError as error:
         raise CaseError(f"{where}: {error}" if is_file else str(error)) from error
     if rows[-1, 0] < stroke:
@@ -583,6 +620,15 @@ def _force_table(file, where, value, stroke):
             f"{where}: the last stroke is {end:g} mm, but it must be the spring's stroke of {needed:g} mm or more"
         )
     return rows
+
+
+def _read_table(table, name):
+    """The table of a CSV file in the folder of the case or below: a case reads nothing that does not belong to it."""
+    folder = Path(table.file).parent
+    if Path(name).is_absolute() or ".." in Path(name).parts:
+        raise ValueError(f"{name!r} must be in the folder of the case file or below: name it from there, without '..'")
+    table.texts[name] = text = force_table_text(folder / name)
+    return parse_force_table(text, str(folder / name))
 
 
 _UMBILICAL_KEYS = ("angle", "radius", "stiffness", "deformation", "stroke", "friction", "engagement")
@@ -792,10 +838,12 @@ def _inputs(file, entries, separation):
     targets = scatter_targets(separation)
     inputs, taken = [], set()
     for name, entry in entries.items():
-        path = f"inputs.{name}"
+        path = f"inputs.{_key_shown(name)}"
+        if not _is_name(name):
+            raise CaseError(f"{file}: {path} must have {_NAME}")
         if not isinstance(entry, dict):
             raise CaseError(
-                f'{file}: {path} = {entry!r}, but it must be a table such as {{ quantity = "...", sigma = 1.0 }}'
+                f'{file}: {path} = {_shown(entry)}, but it must be a table such as {{ quantity = "...", sigma = 1.0 }}'
             )
         if "distribution" in entry:
             # The distribution's own parameters are further keys: checked against it below.
@@ -946,7 +994,7 @@ def _requirements(root, separation):
         allowed = None
         if "allowed_probability" in table:
             allowed = table.number("allowed_probability", "", sign="positive", below=1.0)
-        name = table.text("name", quantity)
+        name = table.name("name", quantity)
         if any(other.name == name for other in requirements):
             raise table.error("name", name, "different from the names of the other requirements")
         if name == SYSTEM:

@@ -1,12 +1,14 @@
 """Measured force-stroke tables: read from a CSV file, checked row by row."""
 
 import csv
+import io
 import math
 from pathlib import Path
 
 import numpy as np
 
 _MAXIMUM_ROWS = 1000
+_LONGEST_FILE = 1_000_000  # characters
 _HEADER = "a header such as 'stroke_mm,force_N'"
 
 
@@ -37,26 +39,97 @@ def read_force_table(path) -> np.ndarray:
     ...     print(error)
     nothing.csv: there is no such file
     """
+    return parse_force_table(force_table_text(path), str(path))
+
+
+def force_table_text(path) -> str:
+    """The text of a CSV file.
+
+    Parameters
+    ----------
+    path : str or path
+
+    Returns
+    -------
+    text : str
+        With its line ends as they are, without a byte order mark.
+
+    Raises
+    ------
+    ValueError
+        In one sentence, if the file cannot be read or is far too long.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.force_table import force_table_text
+    >>> try:
+    ...     force_table_text(".")
+    ... except ValueError as error:
+    ...     print(error)
+    .: the file cannot be read (Is a directory)
+    """
     path = Path(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
-            lines = [(number, cells) for number, cells in enumerate(csv.reader(stream), start=1) if any(cells)]
+            text = stream.read(_LONGEST_FILE + 1)
     except FileNotFoundError as error:
         raise ValueError(f"{path}: there is no such file") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: the file is not UTF-8 text") from error
-    except (OSError, ValueError, csv.Error) as error:
+    except (OSError, ValueError) as error:
         raise ValueError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    if len(text) > _LONGEST_FILE:
+        raise ValueError(
+            f"{path}: the file has more than {_LONGEST_FILE} characters, which no force-stroke table needs"
+        )
+    return text
+
+
+def parse_force_table(text: str, where: str) -> np.ndarray:
+    """A force-stroke table from the text of a CSV file.
+
+    Parameters
+    ----------
+    text : str
+    where : str
+        The name of the file, for messages.
+
+    Returns
+    -------
+    table : ndarray, shape (K, 2)
+        As `checked_force_table` returns it.
+
+    Raises
+    ------
+    ValueError
+        As by `read_force_table`.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.force_table import parse_force_table
+    >>> parse_force_table("stroke_mm,force_N\\n0,220\\n30,55", "spring.csv").tolist()
+    [[0.0, 220.0], [0.03, 55.0]]
+    """
+    try:
+        lines = [
+            (number, cells)
+            for number, cells in enumerate(csv.reader(io.StringIO(text, newline="")), start=1)
+            if any(cells)
+        ]
+    except csv.Error as error:
+        raise ValueError(f"{where}: the file cannot be read ({error})") from error
     if not lines:
-        raise ValueError(f"{path}: the file is empty; {_HEADER} and two or more rows are needed")
+        raise ValueError(f"{where}: the file is empty; {_HEADER} and two or more rows are needed")
     number, header = lines[0]
     if not any(math.isnan(_parsed(cell)) for cell in header):
-        raise ValueError(f"{path}: row {number} = {','.join(header)!r} holds numbers; {_HEADER} is needed there")
+        raise ValueError(
+            f"{where}: row {number} = '{_on_one_line(','.join(header))}' holds numbers; {_HEADER} is needed there"
+        )
     return checked_force_table(
         [[_parsed(cell) for cell in cells] for _, cells in lines[1:]],
-        str(path),
+        where,
         [number for number, _ in lines[1:]],
-        [",".join(cells) for _, cells in lines[1:]],
+        [_on_one_line(",".join(cells)) for _, cells in lines[1:]],
     )
 
 
@@ -96,7 +169,7 @@ def checked_force_table(rows, where: str, numbers=None, shown=None) -> np.ndarra
     springs.table: row 3 = [20.0, 80.0]: the stroke must be above that of the row before, 30 mm
     """
     numbers = range(1, len(rows) + 1) if numbers is None else numbers
-    shown = [str(row) for row in rows] if shown is None else shown
+    shown = [_on_one_line(str(row)) for row in rows] if shown is None else shown
     if not 2 <= len(rows) <= _MAXIMUM_ROWS:
         raise ValueError(f"{where}: {len(rows)} rows of stroke [mm] and force [N]; 2 to {_MAXIMUM_ROWS} are needed")
     before = None
@@ -113,6 +186,11 @@ def checked_force_table(rows, where: str, numbers=None, shown=None) -> np.ndarra
             raise ValueError(f"{place}: the force must not be negative: a spring pushes")
         before = stroke
     return np.array(rows, dtype=float) * [1e-3, 1.0]
+
+
+def _on_one_line(text):
+    """A row as a message quotes it."""
+    return "".join(character if character.isprintable() else "?" for character in text[:60])
 
 
 def _parsed(cell):

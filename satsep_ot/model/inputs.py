@@ -47,6 +47,8 @@ _POSITIVE = (
     "recess.radius",
     "recess.depth",
 )
+# What OpenTURNS raises where a distribution refuses its parameters, or has none.
+_REFUSALS = (RuntimeError, TypeError, ValueError, IndexError, MemoryError)
 _NOT_NEGATIVE = (".radius", ".delay", ".scale", "guide_friction")
 
 
@@ -282,12 +284,12 @@ def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distributi
     distribution_class = vars(ot).get(name)
     if not _is_distribution_class(distribution_class):
         known = [key for key, value in vars(ot).items() if _is_distribution_class(value)]
-        raise ValueError(f"'{name}' is no OpenTURNS distribution{did_you_mean(name, known)}")
+        raise ValueError(f"{name[:60]!r} is no OpenTURNS distribution{did_you_mean(name, known)}")
     try:
         distribution = distribution_class()
         dimension = distribution.getDimension()
         expected = [key.removesuffix("_0") for key in distribution.getParameterDescription()]
-    except (RuntimeError, TypeError) as error:
+    except _REFUSALS as error:
         raise ValueError(f"the distribution {name} cannot be given by parameters with names") from error
     if dimension != 1 or distribution.isCopula():
         raise ValueError(f"{name} is not univariate (its dimension is {dimension}); an input has one dimension")
@@ -299,13 +301,13 @@ def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distributi
     takes = f"{name} takes {', '.join(expected)}" if expected else f"{name} takes no parameters"
     for key in given:
         if key not in expected:
-            raise ValueError(f"'{key}' is no parameter of the distribution; {takes}")
+            raise ValueError(f"{key[:60]!r} is no parameter of the distribution; {takes}")
     for key in expected:
         if key not in given:
             raise ValueError(f"the parameter {key} of the distribution is missing; {takes}")
     try:
         distribution.setParameter([given[key] for key in expected])
-    except (RuntimeError, TypeError, ValueError) as error:
+    except _REFUSALS as error:
         reason = str(error).split(" : ", 1)[-1].strip()
         values = ", ".join(f"{key} = {given[key]:g}" for key in expected)
         raise ValueError(f"OpenTURNS refuses {name}({values}): {reason}") from error
@@ -357,7 +359,12 @@ def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> N
     ValueError
         With the value that would be reached.
     """
-    low, high = quantile_range(uncertain_input.distribution)
+    try:
+        low, high = quantile_range(uncertain_input.distribution)
+        _spread(uncertain_input.distribution)
+    except _REFUSALS as error:
+        reason = str(error).split(" : ", 1)[-1].strip()
+        raise ValueError(f"OpenTURNS finds no quantiles of {uncertain_input.distribution}: {reason}") from error
     if not (math.isfinite(low) and math.isfinite(high)):
         raise ValueError(f"its 0.1 % to 99.9 % range, {low:g} to {high:g} {uncertain_input.unit}, is not finite")
     for parameter in uncertain_input.parameters:
