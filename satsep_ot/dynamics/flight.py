@@ -34,6 +34,7 @@ from satsep_ot.dynamics.separation import (
     COMMON_SIZE,
     FRICTION_COEFFICIENT,
     IMPULSE,
+    LARGEST,
     MOUNTING_ERROR,
     PLATFORM,
     RATES,
@@ -220,7 +221,7 @@ def prepare(p, orbit, c, marks, x):
     """
     valid = p[0] > 0.0 and p[10] > 0.0 and p[FRICTION_COEFFICIENT] >= 0.0
     for n in range(p.shape[0]):
-        valid = valid and math.isfinite(p[n])
+        valid = valid and abs(p[n]) < LARGEST
     c[INVERSE_REDUCED_MASS] = 1.0 / p[0] + 1.0 / p[10]
     valid = invert_inertia(p, PLATFORM + 1, c, PLATFORM_INERTIA) and valid
     valid = invert_inertia(p, SATELLITE + 1, c, SATELLITE_INERTIA) and valid
@@ -233,6 +234,9 @@ def prepare(p, orbit, c, marks, x):
         c[SATELLITE_CG + n] = p[17 + n]
     c[RADIUS] = p[RECESS_RADIUS]
     c[DEPTH] = p[RECESS_DEPTH]
+    if marks[POINT_NUMBER] > 0:
+        walls = c[RADIUS] > 0.0 or (c[RADIUS] == 0.0 and marks[PLANE_NUMBER] > 0)
+        valid = valid and walls and c[DEPTH] > 0.0
     for n in range(marks[PLANE_NUMBER]):
         c[marks[PLANES] + PLANE_COLUMNS * n + 3] = p[COMMON_SIZE + SPRING_SIZE * marks[SPRING_NUMBER] + n]
     if marks[GRAVITY_LEVEL] != NO_GRAVITY:
@@ -811,6 +815,8 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 break
         else:
             # Springs that reach their stroke at the same instant follow each other in steps of no length.
+            if not nearest_s > 0.999 * c[SPRINGS + SPRING_COLUMNS * expected + RELEASE_STROKE]:
+                return STEP_UNDERFLOW, step, last
             h = 0.0
             method = FOURTH_ORDER
             event = RELEASE

@@ -435,6 +435,8 @@ class Separation:
 COMMON_SIZE = len(_COMMON_NAMES)
 SPRING_SIZE = len(_SPRING_NAMES)
 
+LARGEST = 1e30  # far beyond any physical value, so that no product overflows
+
 # Positions in the flat parameter vector, for the kernels.
 PLATFORM, SATELLITE, RATES, MOUNTING_ERROR = integers(0, 10, 20, 23)
 STOWED, RECESS_RADIUS, RECESS_DEPTH = integers(26, 27, 28)
@@ -446,8 +448,8 @@ def invalid_parameter(separation, parameters):
     laws = separation.springs.laws
     for name, value in zip(separation.parameter_names(), parameters, strict=True):
         last = name.split(".")[-1]
-        if not np.isfinite(value):
-            return f"{name} = {value}; a finite number is allowed"
+        if not np.abs(value) < LARGEST:
+            return f"{name} = {value}; a finite number of size below {LARGEST:g} is allowed"
         linear = not name.startswith("springs") or laws[int(name[8 : name.index("]")])] == ForceLaw.LINEAR
         if (last in ("mass", "stroke") or (last in ("stiffness", "deformation") and linear)) and value <= 0.0:
             return f"{name} = {value}; a positive number is allowed"

@@ -11,11 +11,12 @@ from numba import njit
 
 from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
+from satsep_ot.dynamics.integration import forget_slopes
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches, stack_orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.sensitivities import LANES, adjoint_sweep, sweep_size
-from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
+from satsep_ot.dynamics.separation import LARGEST, PLATFORM, SATELLITE, Separation, Status, invalid_parameter
 from satsep_ot.dynamics.springs import ForceLaw, table_segments
 from satsep_ot.dynamics.system import (
     GRAVITY,
@@ -147,6 +148,8 @@ def _entry_points(source_digest):
             if status[row] == 0:
                 slot = row - first
                 tape, follow = slot_views(slot, store)
+                # What an earlier run left there may be infinite, and 0 times infinity is no number.
+                forget_slopes(store.work)
                 for block in range(0, columns.shape[0], LANES):
                     adjoint_sweep(
                         columns, block, last[row], parameters[row], store.work, store.c[slot], store.marks[slot], tape,
@@ -362,11 +365,15 @@ def _simulate(separation, parameters, stops, tolerance, columns=None):
             sweep_rows(first, end, rows, store, status, last, columns, room, gradients)
 
     _in_threads(n, RUN_CHUNK if columns is None else SWEEP_CHUNK, job)
+    points = len(separation.recess_points())
+    # The smallest clearance of no points is infinite.
+    results = base[:, : STATE_SIZE + 2 + points if points else STATE_SIZE + 1]
+    flown = status == Status.OK
+    status[flown & ~(np.abs(results) < LARGEST).all(axis=1)] = Status.STEP_UNDERFLOW
     if separation.recontact is not None:
         base[:, -1] = np.nan
         flown = status == Status.OK
         base[flown, -1] = _coast(separation, rows[flown], base[flown])[0]
-        # Velocities of 1e150 m/s and the like: no orbit.
         status[flown & ~np.isfinite(base[:, -1])] = Status.STEP_UNDERFLOW
     failed = status != Status.OK
     base[failed] = np.nan
