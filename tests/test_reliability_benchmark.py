@@ -150,6 +150,12 @@ def test_summary_is_over_all_problems_and_ranks_the_methods_that_are_nowhere_wro
     assert [cell.strip() for cell in slow if cell.strip()][-3:] == ["4,000 (x 10)", "9,000 (x 15)", "13,000 (x 13)"]
     cheap = next(line for line in lines[-4:] if line[0] == "cheap")
     assert [cell.strip() for cell in cheap if cell.strip()][-2:] == ["10 (x 0.025)", "wrong"]
+    # More problems than methods: the problems go down the page.
+    long = ReliabilityBenchmarkResult([row(problem, "sure", "right", 100.0) for problem in "ABC"])
+    assert [line.split() for line in long.toText().splitlines()[5:]] == [
+        ["method", "sure"], ["right", "3"], ["open", "0"], ["wrong", "0"],
+        ["A", "100"], ["B", "100"], ["C", "100"], ["all", "300"],
+    ]  # fmt: skip
 
 
 def test_a_method_that_was_asked_for_an_error_is_not_given_fewer_runs_than_it_made():

@@ -269,6 +269,8 @@ class ReliabilityBenchmark:
                     stream.write(b"\n")
             entry = {"key": json.dumps([task.name, repr(method), seed]), "row": dataclasses.asdict(row)}
             stream.write((json.dumps(entry) + "\n").encode())
+            stream.flush()
+            os.fsync(stream.fileno())
 
     def _summaries(self, known):
         summaries = []
@@ -415,7 +417,10 @@ class ReliabilityBenchmarkResult:
         return [[*_COLUMNS], *([form(row) for form in _COLUMNS.values()] for row in rows)]
 
     def _summaryCells(self):
-        """Methods by problems: runs to an error of 5 %, and as a multiple of those of the first method."""
+        """Methods by problems: runs to an error of 5 %, and as a multiple of those of the first method.
+
+        Whichever are more go down the page.
+        """
         problems, summaries = self._problems(), self.getSummaries()
         first = summaries[0] if summaries else None
         header = ["method", "right", "open", "wrong", *problems, "all"]
@@ -431,7 +436,8 @@ class ReliabilityBenchmarkResult:
                 else:
                     costs.append(_multiple(summary.costs.get(problem), first.costs.get(problem)))
             cells.append([summary.method, *counts, *costs, _multiple(summary.cost, first.cost)])
-        return [header, *cells]
+        table = [header, *cells]
+        return table if len(problems) <= len(summaries) else [list(column) for column in zip(*table, strict=True)]
 
     def drawCost(self) -> ot.Graph:
         """Runs to an error of 5 % on each problem, of the methods that are not wrong there."""

@@ -512,7 +512,8 @@ class SubsetSampling(SimulationMethod):
 
 
 class ImportanceSampling(SimulationMethod):
-    """FORM, then importance sampling around its design point; blind to every other failure mode.
+    """FORM, then importance sampling around its design point (OpenTURNS' PostAnalyticalImportanceSampling); blind to
+    every other failure mode.
 
     Parameters
     ----------
