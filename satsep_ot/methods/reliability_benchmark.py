@@ -488,7 +488,7 @@ def _percent(value):
 
 
 def _number(value):
-    return "" if value is None else f"{value:,.0f}"
+    return "" if value is None else f"{value:,.0f}" if value < 1e9 else f"{value:.1e}"
 
 
 # Columns of the tables: what is read from a row.
