@@ -136,6 +136,13 @@ class MethodSummary:
         Runs to an error of 5 %, all problems together; None of a method that is wrong on one or has not been there.
     costs : dict
         Of each problem by its name, whatever the verdict.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.reliability_benchmark import BenchmarkRow, ReliabilityBenchmarkResult
+    >>> row = BenchmarkRow("P1", "FORM", repetitions=2, failed=0, cost=204.0, verdict="right")
+    >>> ReliabilityBenchmarkResult([row]).getSummaries()[0].cost
+    204.0
     """
 
     method: str
