@@ -26,6 +26,9 @@ def test_every_problem_is_an_event_that_its_components_compose(name):
     problem = PROBLEMS[name]
     assert 0.0 < problem.getProbability() < 0.1
     assert problem.getSource()
+    # Only what was sampled has an error, and one that a method need not be held against.
+    assert (problem.getProbabilityError() > 0.0) == (name == "P3" or name.endswith("35"))
+    assert problem.getProbabilityError() < 0.01
     sample = problem.getDistribution().getSample(20)
     event = problem.getEvent()
     function, composition = problem.getComponents()

@@ -46,6 +46,8 @@ class BenchmarkProblem:
         Reference probability of failure.
     source : str
         Where the reference comes from.
+    probabilityError : float
+        Relative standard error of the probability, where that comes from sampling.
 
     Examples
     --------
@@ -66,6 +68,7 @@ class BenchmarkProblem:
         source: str,
         outputDimension: int = 1,
         composition: Callable | None = None,
+        probabilityError: float = 0.0,
     ):
         self._name = name
         self._distribution = distribution
@@ -74,6 +77,7 @@ class BenchmarkProblem:
         self._composition = composition
         self._probability = probability
         self._source = source
+        self._probabilityError = probabilityError
 
     def __repr__(self):
         return f"BenchmarkProblem(name={self._name}, probability={self._probability:.4e})"
@@ -85,6 +89,10 @@ class BenchmarkProblem:
     def getProbability(self) -> float:
         """Accessor to the reference probability of failure."""
         return self._probability
+
+    def getProbabilityError(self) -> float:
+        """Accessor to the relative standard error of the reference probability."""
+        return self._probabilityError
 
     def getSource(self) -> str:
         """Where the reference probability comes from."""
@@ -164,6 +172,7 @@ class BenchmarkProblem:
             self._source,
             self._outputDimension,
             self._composition,
+            self._probabilityError,
         )
 
     def rescaled(self, seed: int = 0) -> "BenchmarkProblem":
@@ -199,6 +208,7 @@ class BenchmarkProblem:
             self._source,
             p,
             None if composition is None else lambda y: limitUnit * composition(y / outputUnits),
+            self._probabilityError,
         )
 
 
@@ -257,6 +267,7 @@ def _noisyRidge() -> BenchmarkProblem:
         evaluate,
         NOISY_RIDGE_PROBABILITY,
         "importance sampling shifted by 3 along the ridge, 2e7 points, coefficient of variation 0.05 %",
+        probabilityError=5e-4,
     )
 
 
@@ -506,6 +517,7 @@ def _ridgeFactory(name: str) -> Callable[[], BenchmarkProblem]:
         "Monte Carlo, 1e8 points",
         outputDimension=len(_RIDGE_NAMES),
         composition=_RIDGE_LIMITS[name],
+        probabilityError=1e-4 / math.sqrt(RIDGE_PROBABILITIES[name]),
     )
 
 

@@ -66,7 +66,13 @@ class BenchmarkTask:
         """The task of a published problem."""
         function, composition = problem.getComponents()
         components = (function, composition) if function.getOutputDimension() > 1 else None
-        return BenchmarkTask(problem.getName(), problem.getEvent(), problem.getProbability(), components)
+        return BenchmarkTask(
+            problem.getName(),
+            problem.getEvent(),
+            problem.getProbability(),
+            components,
+            probabilityError=problem.getProbabilityError(),
+        )
 
 
 @dataclasses.dataclass
