@@ -11,13 +11,15 @@ PACKAGE = Path(satsep_ot.__file__).parent
 ALLOWED = {
     "dynamics": {"numpy", "numba", "scipy", "satsep_ot.dynamics"},
     "model": {"numpy", "openturns", "satsep_ot.dynamics", "satsep_ot.model"},
-    "methods": {"numpy", "scipy", "openturns", "threadpoolctl", "satsep_ot.methods"},
+    # cloudpickle and distributed are optional: they are imported where they are there.
+    "methods": {"numpy", "scipy", "openturns", "threadpoolctl", "cloudpickle", "distributed", "satsep_ot.methods"},
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "jinja2", "markupsafe", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
     "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "dataclasses", "datetime", "difflib",
-    "enum", "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "os", "pathlib", "platform", "re",
-    "tempfile", "time", "tomllib", "types", "typing", "warnings", "xml", "zipfile",
+    "enum", "faulthandler", "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "multiprocessing",
+    "os", "pathlib", "pickle", "platform", "re", "signal", "sys", "tempfile", "threading", "time", "tomllib",
+    "traceback", "types", "typing", "warnings", "xml", "zipfile", "zlib",
 }  # fmt: skip
 
 

@@ -1,0 +1,520 @@
+"""Chunks of work on any executor: in order, few at once, and tried again elsewhere where a worker fails."""
+
+import contextlib
+import dataclasses
+import faulthandler
+import functools
+import math
+import os
+import pickle
+import sys
+import threading
+import time
+import traceback
+import zlib
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
+from typing import Any
+
+try:
+    # It pickles functions of scripts and lambdas too, and comes with Dask.
+    import cloudpickle as pickler
+except ImportError:
+    pickler = pickle
+
+# Between two looks at the clocks of chunks [s].
+_POLL = 0.2
+# Between two looks at how many workers there are, which may ask over the network [s].
+_WORKER_POLL = 5.0
+# An executor that hands chunks to its workers ahead of time says that they run before they do: its clock on this side
+# is one for the case that the worker's own, which ends it on time, has stopped with the worker [s].
+_GRACE = 10.0
+# Of an executor that does not say what runs (Dask, which also starts a chunk anew whose worker died), the clock is when
+# a chunk of the run was last finished.
+_SILENT_FACTOR, _SILENT_GRACE = 8.0, 60.0
+
+
+class ChunkError(RuntimeError):
+    """A chunk could not be finished.
+
+    Attributes
+    ----------
+    first, end : int
+        Its rows are first to end - 1.
+    attempts : int
+        How often it was tried.
+    finished : dict of int to object
+        Results of later chunks that had finished already, by their first row.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.chunk_scheduler import ChunkError
+    >>> print(ChunkError(20, 30, 3, "its worker died"))
+    rows 20 to 29 could not be computed in 3 attempts, the last of which ended so: its worker died
+    """
+
+    def __init__(self, first: int, end: int, attempts: int, reason: str):
+        tries = "1 attempt, which" if attempts == 1 else f"{attempts} attempts, the last of which"
+        super().__init__(f"rows {first} to {end - 1} could not be computed in {tries} ended so: {reason}")
+        self.first, self.end, self.attempts, self.reason = first, end, attempts, reason
+        self.finished: dict[int, Any] = {}
+
+    def __reduce__(self):
+        return ChunkError, (self.first, self.end, self.attempts, self.reason)
+
+
+class Work:
+    """A callable of one argument that is pickled once here and loaded once by each worker.
+
+    Parameters
+    ----------
+    function : callable
+        Not to be changed afterwards.
+
+    Examples
+    --------
+    >>> import math
+    >>> from satsep_ot.methods.chunk_scheduler import Work
+    >>> Work(math.sqrt).function(4.0)
+    2.0
+    """
+
+    def __init__(self, function: Callable[[Any], Any]):
+        self.function = function
+
+    @functools.cached_property
+    def payload(self) -> bytes:
+        """The function as workers get it, with every chunk: they know it again by its bytes."""
+        try:
+            # OpenTURNS' objects are XML in their pickles, a fifteenth of it when compressed.
+            return zlib.compress(pickler.dumps(self.function), 1)
+        except Exception as error:
+            raise TypeError(
+                f"the function cannot be sent to another process ({type(error).__name__}: {error}); define it at the "
+                "top of a module, without locks and open files, or give a ThreadPoolExecutor"
+            ) from error
+
+    def __deepcopy__(self, memo):
+        return self
+
+    def __reduce__(self):
+        return Work, (self.function,)
+
+
+@dataclasses.dataclass(eq=False)
+class Chunk:
+    """Rows first to end - 1, and what the work is called with for them."""
+
+    first: int
+    end: int
+    argument: Any
+    attempts: int = 0
+    alone: bool = False
+    future: Future | None = None
+    executor: Executor | None = None
+    submitted: float = 0.0
+    started: float | None = None
+
+
+@dataclasses.dataclass
+class _Raised:
+    """What the work itself raised, as text: an exception need not survive a pickle."""
+
+    reason: str
+    traceback: str
+
+    @staticmethod
+    def of(error):
+        # OpenTURNS puts the traceback of a Python function into its message.
+        first = (str(error).splitlines() or [""])[0]
+        return _Raised(f"{type(error).__name__}: {first}", traceback.format_exc())
+
+
+class ChunkScheduler:
+    """Run chunks of work on an executor.
+
+    Parameters
+    ----------
+    executor : :class:`concurrent.futures.Executor`, callable without arguments that makes one, or None
+        None runs the work in place. An executor that is given is left as it is; one that is made here is ended by
+        `close`, and replaced where it breaks or hangs.
+
+    Notes
+    -----
+    A chunk whose worker dies, does not answer in time, raises or returns what it must not is tried again. Where a
+    whole pool breaks, nobody knows which chunk broke it: all that were with it are tried again, the last time one by
+    one, so that the error names the right one.
+
+    Copies share the executor; a pickle works in place.
+
+    Examples
+    --------
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> from satsep_ot.methods.chunk_scheduler import Chunk, ChunkScheduler, Work
+    >>> with ThreadPoolExecutor(2) as pool:
+    ...     chunks = (Chunk(i, i + 1, [i]) for i in range(5))
+    ...     [total for _, total in ChunkScheduler(pool).run(Work(sum), chunks)]
+    [0, 1, 2, 3, 4]
+    """
+
+    def __init__(self, executor: Executor | Callable[[], Executor] | None = None):
+        if not (executor is None or callable(executor) or isinstance(executor, Executor)):
+            raise TypeError(
+                f"the executor is a {type(executor).__name__}; a concurrent.futures.Executor, a callable that makes "
+                "one, or None is allowed (a Dask client gives one by get_executor)"
+            )
+        self._factory = executor if not isinstance(executor, Executor) else None
+        self._executor = executor if isinstance(executor, Executor) else None
+        self._timeout: float | None = None
+        self._maximumAttempts = 3
+        self._patience = 300.0
+
+    def __repr__(self):
+        kind = type(self._executor or self._factory).__name__
+        return f"ChunkScheduler(executor={kind}, timeout={self._timeout}, maximumAttempts={self._maximumAttempts})"
+
+    def __deepcopy__(self, memo):
+        return self
+
+    def __reduce__(self):
+        return ChunkScheduler, ()
+
+    def setTimeout(self, timeout: float | None) -> None:
+        """Seconds that a chunk may take on its worker; None (default) for no limit.
+
+        The process of a chunk that takes longer is ended, after it has written to its standard error where it was. A
+        thread cannot be ended: its chunk is tried again beside it.
+        """
+        if timeout is not None and not 0.0 < timeout < threading.TIMEOUT_MAX:
+            raise ValueError(f"the timeout is {timeout} s; a positive number or None is allowed")
+        self._timeout = timeout
+
+    def setMaximumAttempts(self, number: int) -> None:
+        """How often a chunk is tried before the run ends with an error (default 3)."""
+        if int(number) != number or number < 1:
+            raise ValueError(f"the maximum of attempts is {number}; a whole number from 1 on is allowed")
+        self._maximumAttempts = int(number)
+
+    def setPatience(self, seconds: float) -> None:
+        """How long a cluster may be without any worker before the run ends with an error (default 300 s)."""
+        if not seconds >= 0.0:
+            raise ValueError(f"the patience is {seconds} s; a number from 0 on is allowed")
+        self._patience = seconds
+
+    def isInPlace(self) -> bool:
+        """Whether there is no executor."""
+        return self._factory is None and self._executor is None
+
+    def getWorkerNumber(self) -> int:
+        """How many chunks can run at the same time, as far as the executor tells; 1 in place."""
+        return 1 if self.isInPlace() else workerNumber(self._current())
+
+    def close(self) -> None:
+        """End the executor, if it was made here; the next run makes another."""
+        if self._factory is not None and self._executor is not None:
+            self._executor.shutdown(wait=True)
+            self._executor = None
+
+    def run(
+        self,
+        work: Work,
+        chunks: Iterable[Chunk],
+        check: Callable[[Chunk, Any], str | None] = lambda chunk, result: None,
+    ) -> Iterator[tuple[Chunk, Any]]:
+        """Chunks and their results, in order.
+
+        Parameters
+        ----------
+        work : Work
+        chunks : iterable of Chunk
+            Taken as there is room: no more are kept than four for each worker.
+        check : callable, optional
+            What is wrong with the result of a chunk; None where nothing is.
+
+        Raises
+        ------
+        ChunkError
+            If a chunk has failed as often as allowed. In place, what the work raises is raised as it is.
+        """
+        if self.isInPlace():
+            for chunk in chunks:
+                result = work.function(chunk.argument)
+                reason = check(chunk, result)
+                if reason:
+                    raise ChunkError(chunk.first, chunk.end, 1, reason)
+                yield chunk, result
+        else:
+            yield from _Run(self, work, check).results(iter(chunks))
+
+    def _current(self):
+        if self._executor is None:
+            self._executor = self._factory()
+        return self._executor
+
+    def _discard(self, executor):
+        """Give up an executor that was made here, with all that it does at present."""
+        if self._factory is not None and self._executor is executor:
+            self._executor = None
+            endExecutor(executor)
+
+
+class _Run:
+    """The state of one run on an executor."""
+
+    def __init__(self, scheduler, work, check):
+        self._scheduler, self._work, self._check = scheduler, work, check
+        self._running = []
+        self._again = []
+        self._workers, self._looked, self._lonely = 1, -math.inf, None
+        self._moved = time.monotonic()
+
+    def results(self, chunks):
+        waiting, finished = {}, {}
+        nextNumber = shown = 0
+        try:
+            while True:
+                self._look()
+                while self._mayStart() and nextNumber - shown < 4 * max(self._workers, 1):
+                    chunk = next(chunks, None)
+                    if chunk is None:
+                        chunks = iter(())
+                        break
+                    waiting[chunk] = nextNumber
+                    nextNumber += 1
+                    self._start(chunk)
+                self._startAgain()
+                if not waiting:
+                    return
+                for chunk, result in self._finished():
+                    finished[waiting.pop(chunk)] = chunk, result
+                while shown in finished:
+                    yield finished.pop(shown)
+                    shown += 1
+        except ChunkError as error:
+            error.finished = {chunk.first: result for chunk, result in finished.values()}
+            self._end()
+            raise
+        except BaseException:
+            self._end()
+            raise
+
+    def _end(self):
+        for chunk in self._running:
+            chunk.future.cancel()
+        if self._scheduler._executor is not None:
+            self._scheduler._discard(self._scheduler._executor)
+
+    def _look(self):
+        """Count the workers now and then; a cluster without any is waited for, but not for ever."""
+        now = time.monotonic()
+        if now - self._looked < _WORKER_POLL and (self._workers or now - self._looked < _POLL):
+            return
+        self._looked, self._workers = now, workerNumber(self._scheduler._current())
+        if self._workers:
+            self._moved = now if self._lonely is not None else self._moved
+            self._lonely = None
+        elif self._lonely is None:
+            self._lonely = self._moved = now
+        elif now - self._lonely > self._scheduler._patience and self._running:
+            chunk = self._running[0]
+            reason = f"the cluster has had no worker for {self._scheduler._patience:g} s"
+            raise ChunkError(chunk.first, chunk.end, chunk.attempts + 1, reason)
+
+    def _mayStart(self):
+        """Whether a new chunk may start: two for each worker, none beside one that must be alone."""
+        return not self._again and len(self._running) < 2 * max(self._workers, 1) and not self._isAlone()
+
+    def _isAlone(self):
+        return any(chunk.alone for chunk in self._running)
+
+    def _startAgain(self):
+        if self._isAlone():
+            return
+        for chunk in sorted(self._again, key=lambda chunk: (chunk.alone, chunk.first)):
+            if not chunk.alone or not self._running:
+                self._again.remove(chunk)
+                self._start(chunk)
+
+    def _start(self, chunk):
+        scheduler = self._scheduler
+        for _ in range(2):
+            executor = scheduler._current()
+            chunk.executor, chunk.submitted, chunk.started = executor, time.monotonic(), None
+            try:
+                if isinstance(executor, ThreadPoolExecutor):
+                    chunk.future = executor.submit(_inThread, self._work.function, chunk.argument)
+                else:
+                    chunk.future = executor.submit(
+                        _inWorker, self._work.payload, chunk.argument, scheduler._timeout, os.getpid()
+                    )
+            except RuntimeError as error:
+                # A pool is found to be broken, or shut down, here where no chunk of ours was with it.
+                problem = error
+                scheduler._discard(executor)
+                continue
+            self._running.append(chunk)
+            return
+        cure = "" if scheduler._factory is not None else "; give a callable that makes an executor to have it replaced"
+        reason = f"the executor takes no work ({type(problem).__name__}: {problem}){cure}"
+        raise ChunkError(chunk.first, chunk.end, chunk.attempts + 1, reason) from problem
+
+    def _finished(self):
+        """Chunks that finished well meanwhile, with their results; the others are put back or end the run."""
+        done, _ = wait([chunk.future for chunk in self._running], timeout=_POLL, return_when=FIRST_COMPLETED)
+        for chunk in list(self._running):
+            if chunk.future in done:
+                self._running.remove(chunk)
+                # Dask keeps a result in the cluster, and makes it again where it is lost, as long as its future lives.
+                future, chunk.future = chunk.future, None
+                try:
+                    result = future.result()
+                except BrokenExecutor as error:
+                    self._scheduler._discard(chunk.executor)
+                    timeout = self._scheduler._timeout
+                    late = "" if timeout is None else f", or took longer than {timeout:g} s and was ended"
+                    self._failed(chunk, f"its worker died{late} ({type(error).__name__}: {error})", broken=True)
+                    continue
+                except Exception as error:
+                    self._failed(chunk, f"its worker was lost ({type(error).__name__}: {error})", cause=error)
+                    continue
+                if isinstance(result, _Raised):
+                    self._failed(chunk, result.reason, cause=RuntimeError(f"on the worker:\n{result.traceback}"))
+                    continue
+                reason = self._check(chunk, result)
+                if reason:
+                    self._failed(chunk, reason)
+                    continue
+                self._moved = time.monotonic()
+                yield chunk, result
+            elif self._hangs(chunk):
+                self._running.remove(chunk)
+                chunk.future.cancel()
+                self._scheduler._discard(chunk.executor)
+                self._failed(chunk, f"it gave no answer within {self._scheduler._timeout:g} s", broken=True)
+
+    def _hangs(self, chunk):
+        timeout = self._scheduler._timeout
+        if timeout is None:
+            return False
+        now = time.monotonic()
+        if chunk.started is None and chunk.future.running():
+            chunk.started = now
+        if chunk.started is None:
+            # It waits in a queue, or it runs and nobody says so: a matter of whether anything moves.
+            quiet = now - max(self._moved, chunk.submitted)
+            return self._workers > 0 and quiet > _SILENT_FACTOR * timeout + _SILENT_GRACE
+        if not isinstance(chunk.executor, ThreadPoolExecutor):
+            timeout = 2.0 * timeout + _GRACE
+        return now - chunk.started > timeout
+
+    def _failed(self, chunk, reason, broken=False, cause=None):
+        chunk.attempts += 1
+        if chunk.attempts >= self._scheduler._maximumAttempts:
+            others = len(self._running)
+            if broken and others and not chunk.alone:
+                reason += f"; it may have been one of the {others} chunks beside it"
+            raise ChunkError(chunk.first, chunk.end, chunk.attempts, reason) from cause
+        chunk.alone = broken and chunk.attempts == self._scheduler._maximumAttempts - 1
+        self._again.append(chunk)
+
+
+def workerNumber(executor: Executor) -> int:
+    """How many chunks an executor can run at the same time; 0 for a cluster whose workers are yet to come.
+
+    Examples
+    --------
+    >>> from concurrent.futures import ThreadPoolExecutor
+    >>> from satsep_ot.methods.chunk_scheduler import workerNumber
+    >>> with ThreadPoolExecutor(3) as pool:
+    ...     workerNumber(pool)
+    3
+    """
+    client = getattr(executor, "_client", None)
+    if client is not None:
+        return sum(client.nthreads().values())
+    # mpi4py's pool says it in public, those of the standard library and of loky do not.
+    return getattr(executor, "num_workers", None) or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
+
+
+def endExecutor(executor: Executor) -> None:
+    """Shut an executor down without waiting for what it does: its processes are killed; threads cannot be."""
+    processes = list((getattr(executor, "_processes", None) or {}).values())
+    for process in processes:
+        process.kill()
+    executor.shutdown(wait=bool(processes), cancel_futures=True)
+
+
+# On the side of the worker. -------------------------------------------------------------------------------------------
+
+
+@functools.lru_cache(maxsize=8)
+def _load(payload):
+    return pickle.loads(zlib.decompress(payload))
+
+
+def _inThread(function, argument):
+    try:
+        with _oneThread():
+            return function(argument)
+    except Exception as error:
+        return _Raised.of(error)
+
+
+def _inWorker(payload, argument, timeout, parent):
+    """The work on a chunk, in a process that is ended if it takes too long; not if it is the one that waits."""
+    try:
+        with _deadline(timeout if os.getpid() != parent else None):
+            function = _load(payload)
+            with _oneThread():
+                return function(argument)
+    except Exception as error:
+        return _Raised.of(error)
+
+
+@contextlib.contextmanager
+def _oneThread():
+    """One thread of numba in this thread of ours: the executor's workers share the processors already.
+
+    A library that is not loaded is not loaded here. The linear algebra libraries have one setting for the whole
+    process, which `processes` and Dask make when they start one.
+    """
+    numba = sys.modules.get("numba")
+    if numba is None:
+        yield
+        return
+    number = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        yield
+    finally:
+        numba.set_num_threads(number)
+
+
+_deadlines: dict[int, float] = {}
+_deadlinesLock = threading.Lock()
+
+
+@contextlib.contextmanager
+def _deadline(seconds):
+    """End this process if the block takes longer, from a thread of C that needs no lock of the interpreter."""
+    if seconds is None:
+        yield
+        return
+    me = threading.get_ident()
+    with _deadlinesLock:
+        _deadlines[me] = time.monotonic() + seconds
+        _setAlarm()
+    try:
+        yield
+    finally:
+        with _deadlinesLock:
+            del _deadlines[me]
+            _setAlarm()
+
+
+def _setAlarm():
+    # A process has one alarm; a worker with several threads needs the earliest.
+    faulthandler.cancel_dump_traceback_later()
+    if _deadlines:
+        left = min(_deadlines.values()) - time.monotonic()
+        faulthandler.dump_traceback_later(max(left, 1e-3), exit=True, file=sys.__stderr__)

@@ -1,0 +1,265 @@
+"""Chunks on any executor: order, room, another attempt for each way to fail, and the error after the last."""
+
+import copy
+import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from mischief import Twice, die, hang, lose_rows, raise_error, stop_short
+
+from satsep_ot.methods.chunk_scheduler import Chunk, ChunkError, ChunkScheduler, Work, endExecutor, workerNumber
+from satsep_ot.methods.executors import processes
+
+
+def chunks(number, rows=2):
+    for first in range(0, number * rows, rows):
+        yield Chunk(first, first + rows, np.arange(first, first + rows, dtype=float)[:, None])
+
+
+def same_shape(chunk, result):
+    return None if np.shape(result) == (chunk.end - chunk.first, 1) else f"shape {np.shape(result)}"
+
+
+def run(scheduler, function, number=10):
+    parts = [result for _, result in scheduler.run(Work(function), chunks(number), same_shape)]
+    return np.concatenate(parts)[:, 0]
+
+
+EXPECTED = 2.0 * np.arange(20)
+
+
+class Late:
+    """Earlier chunks take longer."""
+
+    def __call__(self, X):
+        time.sleep(0.02 if X[0, 0] % 8 == 0 else 0.0)
+        return 2.0 * X
+
+
+@pytest.mark.parametrize("workers", [1, 2, 5])
+def test_results_come_in_order(workers):
+    with ThreadPoolExecutor(workers) as pool:
+        assert np.array_equal(run(ChunkScheduler(pool), Late()), EXPECTED)
+    assert np.array_equal(run(ChunkScheduler(), Late()), EXPECTED)
+
+
+def test_no_more_chunks_are_taken_than_there_is_room_for():
+    taken = []
+
+    def counted():
+        for chunk in chunks(1000):
+            taken.append(chunk.first)
+            yield chunk
+
+    with ThreadPoolExecutor(2) as pool:
+        results = ChunkScheduler(pool).run(Work(Late()), counted())
+        next(results)
+        assert len(taken) <= 9
+        results.close()
+
+
+@pytest.mark.parametrize("deed", [raise_error, lose_rows])
+def test_a_chunk_that_fails_twice_is_tried_a_third_time(deed, tmp_path):
+    with ThreadPoolExecutor(2) as pool:
+        assert np.array_equal(run(ChunkScheduler(pool), Twice(deed, 6.0, 2, tmp_path)), EXPECTED)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize(
+    ("deed", "reason"), [(raise_error, "ArithmeticError: the licence server is away"), (lose_rows, r"shape \(1, 1\)")]
+)
+def test_a_chunk_that_always_fails_is_named(deed, reason, tmp_path):
+    with ThreadPoolExecutor(2) as pool:
+        with pytest.raises(ChunkError, match=rf"rows 6 to 7 could not .* 3 attempts.*: {reason}") as caught:
+            run(ChunkScheduler(pool), Twice(deed, 6.0, 99, tmp_path))
+        # The pool of the caller is left as it was.
+        assert pool.submit(abs, -1).result() == 1
+    assert (caught.value.first, caught.value.end, caught.value.attempts) == (6, 8, 3)
+    assert len(list(tmp_path.iterdir())) == 3
+    if deed is raise_error:
+        assert "mischief.py" in str(caught.value.__cause__)
+
+
+def test_later_chunks_that_were_finished_are_kept(tmp_path):
+    def fail_late(X):
+        if X[0, 0] == 2.0:
+            time.sleep(0.1)
+            raise ArithmeticError
+        return 2.0 * X
+
+    seen = []
+    with ThreadPoolExecutor(2) as pool:
+        results = ChunkScheduler(pool).run(Work(fail_late), chunks(50))
+        with pytest.raises(ChunkError) as caught:
+            seen.extend(chunk.first for chunk, _ in results)
+    assert seen == [0]
+    assert {4, 6} <= set(caught.value.finished)
+    assert np.array_equal(caught.value.finished[4], [[8.0], [10.0]])
+
+
+def test_a_thread_that_hangs_is_left_and_its_chunk_tried_beside_it(tmp_path):
+    with ThreadPoolExecutor(2) as pool:
+        scheduler = ChunkScheduler(pool)
+        scheduler.setTimeout(0.1)
+        begin = time.monotonic()
+        assert np.array_equal(run(scheduler, Twice(stop_short, 6.0, 1, tmp_path)), EXPECTED)
+        assert time.monotonic() - begin < 10.0
+        scheduler.setMaximumAttempts(1)
+        (tmp_path / "deed-0").unlink()
+        with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 1 attempt.* it gave no answer within 0\.1 s"):
+            run(scheduler, Twice(stop_short, 6.0, 1, tmp_path))
+
+
+def test_in_place_the_error_is_that_of_the_work(tmp_path):
+    with pytest.raises(ArithmeticError, match="the licence server is away"):
+        run(ChunkScheduler(), Twice(raise_error, 6.0, 1, tmp_path))
+    with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 1 attempt, which ended so: shape \(1, 1\)"):
+        run(ChunkScheduler(), Twice(lose_rows, 6.0, 99, tmp_path))
+
+
+def test_executors_that_break_when_they_get_work(tmp_path):
+    pool = ThreadPoolExecutor(1)
+    pool.shutdown()
+    with pytest.raises(ChunkError, match=r"takes no work \(RuntimeError.*give a callable"):
+        run(ChunkScheduler(pool), Late())
+
+
+def test_what_is_no_executor_is_refused():
+    with pytest.raises(TypeError, match=r"the executor is a str; a concurrent\.futures\.Executor"):
+        ChunkScheduler("threads")
+    scheduler = ChunkScheduler()
+    for set_option, value in (
+        (scheduler.setTimeout, 0.0), (scheduler.setTimeout, np.inf), (scheduler.setTimeout, np.nan),
+        (scheduler.setMaximumAttempts, 0), (scheduler.setMaximumAttempts, 1.5), (scheduler.setPatience, -1.0),
+        (scheduler.setPatience, np.nan), (processes, 0), (processes, 1.5),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="allowed"):
+            set_option(value)
+
+
+def test_copies_share_the_executor_and_pickles_have_none():
+    with ThreadPoolExecutor(3) as pool:
+        scheduler = ChunkScheduler(pool)
+        assert copy.deepcopy(scheduler).getWorkerNumber() == 3
+        assert pickle.loads(pickle.dumps(scheduler)).isInPlace()
+        assert "ThreadPoolExecutor" in repr(scheduler)
+    assert not scheduler.isInPlace()
+
+
+def test_errors_survive_a_pickle():
+    error = pickle.loads(pickle.dumps(ChunkError(0, 5, 2, "it died")))
+    assert (error.first, error.end, error.attempts) == (0, 5, 2)
+    assert str(error) == "rows 0 to 4 could not be computed in 2 attempts, the last of which ended so: it died"
+
+
+def test_work_that_cannot_be_sent_says_so():
+    with pytest.raises(TypeError, match="cannot be sent to another process"):
+        Work(threading.Lock().acquire).payload  # noqa: B018
+
+
+class Cluster(ThreadPoolExecutor):
+    """As Dask's executor: it has a client that knows the workers, and its futures do not say that they run."""
+
+    def __init__(self, workers):
+        super().__init__(2)
+        self._client, self.workers = self, workers
+
+    def nthreads(self):
+        return {str(i): 1 for i in range(self.workers)}
+
+
+def test_a_cluster_without_workers_is_waited_for_but_not_for_ever():
+    with Cluster(0) as cluster:
+        assert workerNumber(cluster) == 0
+        scheduler = ChunkScheduler(cluster)
+        scheduler.setPatience(0.3)
+        release = threading.Event()
+        with pytest.raises(ChunkError, match=r"rows 0 to 1 .* the cluster has had no worker for 0\.3 s"):
+            run(scheduler, lambda X: release.wait(20.0))
+        release.set()
+        scheduler.setPatience(60.0)
+        threading.Timer(0.3, lambda: setattr(cluster, "workers", 2)).start()
+        assert np.array_equal(run(scheduler, Late()), EXPECTED)
+
+
+# Processes. -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_processes_that_die_once_or_twice(tmp_path):
+    """Their pool is broken for all chunks in it; the factory makes another, and every chunk is finished."""
+    scheduler = ChunkScheduler(processes(2))
+    assert np.array_equal(run(scheduler, Twice(die, 6.0, 2, tmp_path)), EXPECTED)
+    assert len(list(tmp_path.iterdir())) == 2
+    scheduler.close()
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_the_chunk_that_kills_is_told_from_those_beside_it(tmp_path):
+    scheduler = ChunkScheduler(processes(2))
+    with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 3 attempts.*its worker died") as caught:
+        run(scheduler, Twice(die, 6.0, 99, tmp_path))
+    assert caught.value.first == 6
+    assert "beside it" not in str(caught.value)
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
+def test_a_process_that_hangs_is_ended(tmp_path):
+    scheduler = ChunkScheduler(processes(2))
+    scheduler.setTimeout(0.5)
+    begin = time.monotonic()
+    assert np.array_equal(run(scheduler, Twice(hang, 6.0, 1, tmp_path)), EXPECTED)
+    assert time.monotonic() - begin < 60.0
+    scheduler.close()
+
+
+@pytest.mark.slow
+def test_a_broken_pool_that_was_given_cannot_be_replaced(tmp_path):
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        with pytest.raises(ChunkError, match=r"takes no work .*give a callable that makes an executor"):
+            run(ChunkScheduler(pool), Twice(die, 6.0, 1, tmp_path))
+        endExecutor(pool)
+
+
+PARENT = """
+import os, sys
+from satsep_ot.methods.executors import processes
+if __name__ == "__main__":
+    pool = processes(1)()
+    print(pool.submit(os.getpid).result(), flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.slow
+def test_processes_end_with_a_parent_that_is_killed(tmp_path):
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT, encoding="utf-8")
+    with subprocess.Popen(
+        [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as parent:
+        worker = int(parent.stdout.readline())
+        assert os.path.exists(f"/proc/{worker}")
+        parent.kill()
+    for _ in range(200):
+        if not os.path.exists(f"/proc/{worker}") or " Z " in open_status(worker):
+            return
+        time.sleep(0.05)
+    pytest.fail("the process of the pool lives on")
+
+
+def open_status(process):
+    try:
+        with open(f"/proc/{process}/stat", encoding="utf-8") as stream:
+            return stream.read()
+    except (FileNotFoundError, ProcessLookupError):
+        return " Z "

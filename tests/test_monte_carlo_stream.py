@@ -1,0 +1,294 @@
+"""Runs in any number and constant memory: known moments and probabilities, the same bits anyhow, files, going on."""
+
+import json
+import math
+import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import openturns as ot
+import pytest
+from mischief import Twice, forget_values, raise_error
+from scipy import stats
+
+from satsep_ot.methods import monte_carlo_stream
+from satsep_ot.methods.chunk_scheduler import ChunkError
+from satsep_ot.methods.executors import processes
+from satsep_ot.methods.monte_carlo_stream import BlockSummary, MonteCarloStream
+from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.separation_problem import SeparationProblem
+
+SUM = ot.SymbolicFunction(["a", "b"], ["a + b", "a"])
+SUM.setOutputDescription(["sum [m]", "first"])
+EVENTS = {"large": ("sum", ot.Greater(), 3.0), "low": (1, ot.LessOrEqual(), -2.0)}
+
+
+def stream(size=5000, executor=None, inputs=None, function=SUM):
+    ot.RandomGenerator.SetSeed(7)
+    made = MonteCarloStream(function, ot.Normal(2) if inputs is None else inputs, size)
+    made.setBlockSize(100)
+    made.setEvents(EVENTS)
+    made.setExecutor(executor)
+    return made
+
+
+def facts(result):
+    """Everything that a result says, to be compared bit by bit."""
+    numbers = [result.getMean(), result.getStandardDeviation(), result.getMin(), result.getMax()]
+    counts = [result.getEventNumber(name) for name in (None, *result.getEventNames())]
+    return [result.getSize(), *counts, *np.concatenate([np.array(part) for part in numbers]).tolist()]
+
+
+def run(made):
+    made.run()
+    return facts(made.getResult())
+
+
+def test_moments_and_probabilities_are_the_known_ones():
+    made = stream(200_000)
+    made.setBlockSize(1024)
+    made.run()
+    result = made.getResult()
+    error = 1.0 / math.sqrt(200_000)
+    assert result.getMean()[0] == pytest.approx(0.0, abs=4.0 * math.sqrt(2.0) * error)
+    assert result.getStandardDeviation()[0] == pytest.approx(math.sqrt(2.0), rel=3.0 * error)
+    for name, probability in (("large", stats.norm.sf(3.0 / math.sqrt(2.0))), ("low", stats.norm.cdf(-2.0))):
+        interval = result.getConfidenceInterval(0.999, name)
+        assert interval.getLowerBound()[0] < probability < interval.getUpperBound()[0]
+        share = result.getProbabilityEstimate(name)
+        assert result.getCoefficientOfVariation(name) == pytest.approx(math.sqrt((1 - share) / (share * 200_000)))
+    total = result.getEventNumber("large") + result.getEventNumber("low")
+    assert max(map(result.getEventNumber, EVENTS)) < result.getEventNumber() <= total
+    assert result.getOutputDescription() == ["sum [m]", "first"]
+    assert "'any of them'" in repr(result)
+
+
+def test_summaries_are_those_of_all_rows_together():
+    rows = np.random.default_rng(0).normal(1e6, 1.0, size=(1000, 2))
+    parts = [BlockSummary.of(part, ((0, ot.ComparisonOperator(ot.Greater()), 1e6),)) for part in np.split(rows, 8)]
+    whole = parts[0]
+    for part in parts[1:]:
+        whole = whole.merged(part)
+    assert np.allclose(whole.mean, rows.mean(axis=0), rtol=1e-15)
+    assert np.allclose(whole.squares, 1000 * rows.var(axis=0), rtol=1e-9)
+    assert np.array_equal(whole.least, rows.min(axis=0))
+    assert np.array_equal(whole.most, rows.max(axis=0))
+    assert whole.counts.tolist() == [np.count_nonzero(rows[:, 0] > 1e6)] * 2
+
+
+@pytest.mark.parametrize("chunk", [1, 100, 250, 100_000])
+def test_bits_do_not_depend_on_workers_and_chunks(chunk):
+    expected = run(stream())
+    with ThreadPoolExecutor(3) as pool:
+        for executor in (None, pool):
+            made = stream(executor=executor)
+            made.setChunkSize(chunk)
+            assert run(made) == expected
+
+
+@pytest.mark.slow
+def test_bits_of_the_simulator_in_other_processes():
+    problem, found = SeparationProblem("reference"), []
+    for executor in (None, processes(2)):
+        ot.RandomGenerator.SetSeed(0)
+        made = MonteCarloStream(SeparationFunction("reference"), problem.getDistribution(), 10_000)
+        made.setExecutor(executor)
+        made.setChunkSize(2048)
+        made.setEvents(
+            {
+                entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit)
+                for entry in problem.getRequirements()
+            }
+        )
+        made.run()
+        found.append(made.getResult())
+    assert facts(found[0]) == facts(found[1])
+    # 8.40e-3 of ten million runs violate any requirement.
+    interval = found[0].getConfidenceInterval(0.999)
+    assert interval.getLowerBound()[0] < 8.40e-3 < interval.getUpperBound()[0]
+
+
+def test_the_generator_of_the_user_goes_on_as_if_one_number_had_been_drawn():
+    ot.RandomGenerator.SetSeed(7)
+    ot.RandomGenerator.IntegerGenerate(2**31 - 1)
+    expected = ot.RandomGenerator.Generate()
+    stream(300).run()
+    assert ot.RandomGenerator.Generate() == expected
+
+
+def test_blocks_differ_and_so_do_streams():
+    made = stream(200)
+    drawn = []
+    made.setOutputFile(None)
+    work = ot.PythonFunction(2, 1, func_sample=lambda X: (drawn.append(np.array(X)), np.array(X)[:, :1])[1])
+    for _ in range(2):
+        other = MonteCarloStream(work, ot.Normal(2), 200)
+        other.setBlockSize(100)
+        other.setChunkSize(100)
+        other.run()
+    # The first row of each of four blocks.
+    assert len({float(rows[0, 0]) for rows in drawn}) == 4
+
+
+def test_inputs_that_are_given(tmp_path):
+    rows = np.random.default_rng(1).normal(size=(1050, 2))
+    expected = run(stream(None, inputs=rows))
+    assert expected[0] == 1050
+    assert expected[4] == pytest.approx(rows.sum(axis=1).mean(), rel=1e-12)
+    np.save(tmp_path / "rows.npy", rows)
+    mapped = np.load(tmp_path / "rows.npy", mmap_mode="r")
+    with ThreadPoolExecutor(2) as pool:
+        for given in (mapped, ot.Sample(rows), (part for part in np.array_split(rows, 13)), iter([rows, rows])):
+            made = stream(1050, pool, given)
+            made.setChunkSize(300)
+            assert run(made) == expected
+    with pytest.raises(ValueError, match=r"rows 0 to 1059 have shape \(1050, 2\); \(1060, 2\) is needed"):
+        run(stream(1060, inputs=iter([rows])))
+    with pytest.raises(ValueError, match="1060 runs are wanted of 1050 rows"):
+        stream(1060, inputs=rows)
+
+
+def test_outputs_are_kept_in_a_file(tmp_path):
+    made = stream(530)
+    made.setOutputFile(tmp_path / "runs.npy", withInputs=True)
+    expected = run(made)
+    kept = np.load(tmp_path / "runs.npy", mmap_mode="r")
+    assert kept.shape == (530, 4)
+    assert np.array_equal(kept[:, 2:], np.array(SUM(ot.Sample(np.array(kept[:, :2])))))
+    assert kept[:, 2].min() == expected[8]
+    assert run(stream(None, inputs=np.array(kept[:, :2]))) == expected
+    made = stream(530)
+    made.setOutputFile(tmp_path / "outputs.npy")
+    run(made)
+    assert np.array_equal(np.load(tmp_path / "outputs.npy"), kept[:, 2:])
+    assert {path.name for path in tmp_path.iterdir()} == {"runs.npy", "outputs.npy"}
+
+
+class Stopped(Exception):
+    pass
+
+
+def stop_at(share):
+    def callback(done):
+        if done >= share:
+            raise Stopped
+
+    return callback
+
+
+@pytest.mark.parametrize("interval", [0.0, 1e9])
+def test_an_interrupted_run_continues_to_the_same_result(interval, tmp_path, monkeypatch):
+    monkeypatch.setattr(monte_carlo_stream, "_CHECKPOINT_INTERVAL", interval)
+    plain = stream()
+    plain.setOutputFile(tmp_path / "plain.npy")
+    expected = run(plain)
+    drawn = []
+
+    def again(callback):
+        counted = ot.PythonFunction(2, 2, func_sample=lambda X: (drawn.append(len(X)), np.array(SUM(X)))[1])
+        counted.setOutputDescription(SUM.getOutputDescription())
+        made = stream(function=counted)
+        made.setChunkSize(500)
+        made.setCheckpointFile(tmp_path / "state.json")
+        made.setOutputFile(tmp_path / "runs.npy")
+        made.setProgressCallback(callback)
+        return made
+
+    for share in (30.0, 60.0):
+        with pytest.raises(Stopped):
+            again(stop_at(share)).run()
+        assert not (tmp_path / "runs.npy").exists()
+    assert run(again(None)) == expected
+    assert sum(drawn) == 5000
+    assert (tmp_path / "runs.npy").read_bytes() == (tmp_path / "plain.npy").read_bytes()
+    # What is finished is not made again.
+    assert run(again(None)) == expected
+    assert sum(drawn) == 5000
+    assert {path.name for path in tmp_path.iterdir()} == {"plain.npy", "runs.npy", "state.json"}
+
+
+def test_a_checkpoint_of_other_runs_is_refused(tmp_path):
+    path = tmp_path / "state.json"
+    made = stream(300)
+    made.setCheckpointFile(path)
+    made.run()
+    other = stream(400)
+    other.setCheckpointFile(path)
+    with pytest.raises(ValueError, match="the checkpoint of other runs: runs differ"):
+        other.run()
+    ot.RandomGenerator.SetSeed(8)
+    with pytest.raises(ValueError, match="the checkpoint of other runs: inputs differ"):
+        made.run()
+    for text in ("{", "[]", json.dumps({"of": {}})):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match="is no checkpoint of a stream"):
+            made.run()
+
+
+@pytest.mark.parametrize(("deed", "reason"), [(raise_error, "licence"), (forget_values, "is not finite")])
+def test_rows_that_fail_are_named_and_the_others_kept(deed, reason, tmp_path):
+    (tmp_path / "deeds").mkdir()
+    rows = np.arange(1000.0)[:, None]
+    function = ot.PythonFunction(1, 1, func_sample=Twice(deed, 450.0, 99, tmp_path / "deeds"))
+    made = MonteCarloStream(function, rows)
+    made.setBlockSize(10)
+    made.setChunkSize(100)
+    made.setCheckpointFile(tmp_path / "state.json")
+    with ThreadPoolExecutor(2) as pool:
+        made.setExecutor(pool)
+        with pytest.raises(ChunkError, match=f"rows 400 to 499 .* 3 attempts.*{reason}"):
+            made.run()
+        # The cause is away: the run goes on behind what it has.
+        for path in (tmp_path / "deeds").iterdir():
+            path.unlink()
+        function = ot.PythonFunction(1, 1, func_sample=Twice(deed, 450.0, 0, tmp_path / "deeds"))
+        again = MonteCarloStream(function, rows)
+        again.setBlockSize(10)
+        again.setCheckpointFile(tmp_path / "state.json")
+        told = []
+        again.setChunkSize(100)
+        again.setProgressCallback(told.append)
+        again.run()
+    assert told[0] == 50.0
+    assert again.getResult().getMean()[0] == 999.0
+
+
+def test_memory_does_not_grow_with_the_runs():
+    def peak(size):
+        made = stream(size)
+        made.setBlockSize(1000)
+        made.setChunkSize(2000)
+        tracemalloc.start()
+        made.run()
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(4000)
+    assert peak(200_000) < 1.5 * peak(4000)
+
+
+def test_bad_arguments_are_named():
+    with pytest.raises(ValueError, match="the inputs have dimension 3, the function has 2 inputs"):
+        MonteCarloStream(SUM, ot.Normal(3), 10)
+    for size in (None, 0, 1.5):
+        with pytest.raises(ValueError, match=f"the number of runs is {size}; a whole number from 1 on is needed"):
+            MonteCarloStream(SUM, ot.Normal(2), size)
+    made = stream(10)
+    with pytest.raises(ValueError, match="'weight' is no output of the function; it has sum, first"):
+        made.setEvents({"heavy": ("weight", ot.Greater(), 1.0)})
+    with pytest.raises(ValueError, match="it must be finite"):
+        made.setEvents({"never": ("sum", ot.Greater(), math.inf)})
+    for set_size in (made.setBlockSize, made.setChunkSize):
+        with pytest.raises(ValueError, match="size is 0; a whole number from 1 on"):
+            set_size(0)
+    with pytest.raises(TypeError, match="must be callable"):
+        made.setProgressCallback(1)
+    with pytest.raises(RuntimeError, match="call run"):
+        made.getResult()
+    made.run()
+    with pytest.raises(ValueError, match="'heavy' is no event of these runs; they have large, low"):
+        made.getResult().getEventNumber("heavy")
+    with pytest.raises(ValueError, match="the level is 1"):
+        made.getResult().getConfidenceInterval(1.0)
+    assert repr(made) == "MonteCarloStream(size=10, blockSize=100, events=['large', 'low'])"
