@@ -378,6 +378,8 @@ def _simulate(separation, parameters, stops, tolerance, columns=None):
     failed = status != Status.OK
     base[failed] = np.nan
     states[failed] = np.nan
+    if gradients is not None:
+        gradients[failed] = np.nan
     return Outcome(separation, rows, base, release_times, status, steps), states, gradients
 
 

@@ -1,0 +1,275 @@
+"""Random damage to case files and random physical inputs: a result with a status, or one clear error, nothing else.
+
+Warnings are errors in all tests, so that none passes here either.
+"""
+
+import copy
+import faulthandler
+import os
+import random
+import re
+import time
+import tomllib
+from collections import Counter
+
+import numpy as np
+import pytest
+from case_mutations import damage_data, damage_text, written
+from separation_cases import general_separation, mixed_springs
+
+from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.relative_orbit import Recontact
+from satsep_ot.dynamics.separation import Status
+from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
+from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.model.case import CaseError, load_case, parse_case, shipped_cases
+from satsep_ot.model.inputs import joint_distribution
+from satsep_ot.model.plausibility import implausibilities
+from satsep_ot.model.run_document import run_document
+from satsep_ot.model.separation_function import SeparationError, SeparationFunction
+
+pytestmark = pytest.mark.slow
+
+# What the cases of the package leave out.
+EVERY_TABLE = """
+horizon = 20.0
+platform = { mass = 1200.0, inertia = [1500.0, 600.0, 1500.0], center_of_mass = [0.0, -1600.0, 0.0] }
+[satellite]
+mass = 100.0
+inertia = [[9.35, 0.1, 0.0], [0.1, 8.0, 0.0], [0.0, 0.0, 9.35]]
+center_of_mass = [0.0, 400.0, 0.0]
+[springs]
+angles = [45.0, 135.0, 225.0, 315.0]
+radius = 300.0
+stiffness = [5500.0, 0.0, 5400.0, 5500.0]
+deformation = 40.0
+stroke = 30.0
+cant = 0.1
+delay = 1.0
+scale = [1.0, 1.01, 1.0, 1.0]
+table = { 2 = [[0.0, 220.0], [10.0, 170.0], [31.0, 55.0]] }
+force_line = "normal"
+guide_friction = 0.1
+[umbilical]
+angle = 30.0
+radius = 250.0
+stiffness = 2000.0
+deformation = 8.0
+stroke = 6.0
+friction = 15.0
+engagement = 5.0
+[impulse]
+momentum = [0.1, 0.2, 0.3]
+angular_momentum = [0.01, 0.02, 0.03]
+[initial]
+attitude = [10.0, 20.0, 30.0]
+rates = [0.1, 0.2, 0.3]
+velocity = [0.1, 0.2, 0.3]
+mounting_error = [0.0, 0.01, 0.0]
+pivot = "platform"
+[orbit]
+perigee_altitude = 500.0
+apogee_altitude = 600.0
+inclination = 97.0
+right_ascension = 10.0
+argument_of_perigee = 20.0
+true_anomaly = 30.0
+gravitational_parameter = 398600.4418
+gradient_torque = true
+j2 = true
+[recontact]
+start_orbits = 0.1
+end_orbits = 0.2
+[envelope]
+points = [[350.0, 0.0, 350.0], [300.0, 100.0, 300.0]]
+recess_radius = 520.0
+recess_depth = 250.0
+planes = [{ normal = [-1.0, 0.0, 0.0], offset = -400.0 }]
+[inputs]
+momentum = { quantity = "impulse.momentum.y", sigma = 0.1 }
+radius = { quantity = "springs.radius.each", plus_minus = 0.5, description = "radius" }
+connector = { quantity = "umbilical.friction", distribution = "Uniform", a = 10.0, b = 20.0 }
+wall = { quantity = "envelope.planes.1.offset", three_sigma = 1.0, mean = -401.0 }
+guide = { quantity = "springs.guide_friction", sigma = "5 %" }
+stroke = { quantity = "springs.stroke.2", plus_minus = 0.9 }
+[[correlation]]
+inputs = ["momentum", "radius"]
+coefficient = 0.1
+[[correlation]]
+inputs = ["wall", "guide"]
+rank = -0.2
+[[requirements]]
+quantity = "recontact_distance"
+minimum = 10.0
+"""
+TEXTS = {name: load_case(name).text for name in shipped_cases()} | {"every table": EVERY_TABLE}
+MUTATIONS = 2000  # of each
+LONGEST = 5.0  # s for one of them, on a busy machine
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    """All that trials run, compiled."""
+    simulate_with_gradients(placed("mixed", ForceLine.NORMAL, "re-contact", "planes"))
+    run_document(load_case("reference"))
+
+
+@pytest.fixture
+def guard(compiled, capfd):
+    """Call it before each trial: a trial that hangs, in compiled code even, ends the tests with a traceback."""
+    with capfd.disabled():
+        stream = os.fdopen(os.dup(2), "w")
+    yield lambda: faulthandler.dump_traceback_later(20.0 * LONGEST, exit=True, file=stream)
+    faulthandler.cancel_dump_traceback_later()
+    stream.close()
+
+
+def damaged(name, generator):
+    """The text of a case file with one or some things wrong."""
+    if generator.random() < 0.25:
+        text = TEXTS[name]
+        for _ in range(generator.choice([1, 1, 2])):
+            text = damage_text(text, generator)
+        return text
+    data = copy.deepcopy(tomllib.loads(TEXTS[name]))
+    for _ in range(generator.choice([1, 1, 1, 2, 4])):
+        damage_data(data, generator)
+    return written(data)
+
+
+def outcome_of(text, thoroughly):
+    """What becomes of a case file: the name of a status, or "refused"."""
+    try:
+        case = parse_case(text, "mine.toml")
+    except CaseError as error:
+        message = str(error)
+        assert message.startswith("mine.toml: ")
+        assert message.isprintable()
+        assert len(message) < 1500
+        return "refused"
+    outcome = simulate(case.separation)
+    check_outcome(outcome)
+    if case.inputs:
+        joint_distribution(case.inputs, case.copula)
+        # By quantiles: no random generator is touched, and the tails are met.
+        points = [[row.distribution.computeQuantile(level)[0] for row in case.inputs] for level in (0.01, 0.6)]
+        reason = values = None
+        try:
+            values = SeparationFunction(case).evaluate(points)
+        except SeparationError as error:
+            reason = str(error)
+        assert np.isfinite(values).all() if reason is None else re.match(r"row \d could not be|\S+ = ", reason)
+    if thoroughly:
+        assert all(sentence.isprintable() for sentence in implausibilities(case))
+        assert run_document(case)["status"] == Status(outcome.status[0]).name
+    return Status(outcome.status[0]).name
+
+
+def check_outcome(outcome):
+    """Every run has a status; one that finished has finite quantities, any other none at all and a sentence."""
+    finished = outcome.status == Status.OK
+    for name in quantity_table(outcome.separation):
+        values = outcome.quantity(name)
+        assert np.isfinite(values[finished]).all(), name
+        assert np.isnan(values[~finished]).all(), name
+    assert outcome.steps.max() <= 1000
+    for row in np.flatnonzero(~finished):
+        sentence = outcome.explain(row)
+        assert sentence.isprintable()
+        assert (outcome.status[row] == Status.INVALID_PARAMETERS) == bool(re.search(" = |principal moments", sentence))
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_cases_are_read_back_as_they_are_written(name):
+    case, again = parse_case(TEXTS[name], "mine.toml"), parse_case(written(tomllib.loads(TEXTS[name])), "mine.toml")
+    assert simulate(case.separation).status[0] == Status.OK
+    np.testing.assert_array_equal(case.separation.parameters(), again.separation.parameters())
+    assert (case.inputs, case.requirements) == (again.inputs, again.requirements)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_damaged_case_files(name, guard, capfd):
+    generator = random.Random(f"damage to {name}")
+    seen, slowest = Counter(), 0.0
+    for trial in range(MUTATIONS):
+        guard()
+        text = damaged(name, generator)
+        start = time.perf_counter()
+        try:
+            seen[outcome_of(text, thoroughly=trial % 10 == 0)] += 1
+        except Exception as error:
+            error.add_note(f"trial {trial} of {name}:\n{text}")
+            raise
+        slowest = max(slowest, time.perf_counter() - start)
+    assert slowest < LONGEST
+    assert seen["refused"] > MUTATIONS / 3
+    assert seen["OK"] > MUTATIONS / 20
+    # What OpenTURNS says of a Student law without a variance is all that anything prints.
+    printed = "".join(capfd.readouterr())
+    assert not re.sub(r".*the covariance of the distribution will not be defined.*\n", "", printed)
+
+
+def placed(spring_choice, force_line, gravity, walls):
+    """A separation with the springs, the force line, the gravity and the recess asked for."""
+    changes = dict(springs=mixed_springs()) if spring_choice == "mixed" else {}
+    if not gravity:
+        changes |= dict(orbit=None, gradient_torque=False)
+    if gravity == "re-contact":
+        changes |= dict(recontact=Recontact(0.1, 0.2))
+    if walls == "planes":
+        changes |= dict(recess_radius=0.0, recess_planes=[[-1.0, 0.05, 0.0, -0.36], [0.3, 0.0, 1.0, -0.5]])
+    if walls is None:
+        changes |= dict(envelope=None)
+    return general_separation(force_line, **changes)
+
+
+SETTINGS = [
+    ("linear", ForceLine.GUIDED, None, None),
+    ("linear", ForceLine.STRUT, "orbit", "cylinder"),
+    ("linear", ForceLine.NORMAL, "re-contact", "planes"),
+    ("mixed", ForceLine.GUIDED, "re-contact", "cylinder"),
+    ("mixed", ForceLine.STRUT, None, "planes"),
+    ("mixed", ForceLine.NORMAL, "orbit", "cylinder"),
+]
+ROWS = 2000  # of each
+
+
+def absurd_rows(separation, generator):
+    """Parameter vectors with one, some or all parameters beyond sense, or beyond what a float holds."""
+    rows = np.tile(separation.parameters(), (ROWS, 1))
+    special = [0.0, -0.0, np.nan, np.inf, -np.inf, 1e308, -1e308, 5e-324, 1e-160, 1e160, 1e16, -1.0]
+    for row in rows:
+        chosen = generator.random(row.size) < generator.choice([1.0 / row.size, 3.0 / row.size, 0.3, 1.0])
+        how = generator.integers(4)
+        count = np.count_nonzero(chosen)
+        if how == 0:
+            row[chosen] = generator.choice(special, count)
+        elif how == 1:
+            row[chosen] *= 10.0 ** generator.uniform(-9.0, 9.0, count) * generator.choice([1.0, 1.0, 1.0, -1.0], count)
+        elif how == 2:
+            row[chosen] *= 10.0 ** (generator.choice([0.03, 0.3, 1.0, 70.0]) * generator.uniform(-4.0, 4.0, count))
+        else:
+            row[chosen] += 10.0 ** generator.uniform(-9.0, 3.0, count) * generator.normal(size=count)
+    return rows
+
+
+@pytest.mark.parametrize("setting", SETTINGS, ids=lambda setting: "-".join(map(str, setting)))
+def test_absurd_runs(setting, guard, capfd):
+    separation = placed(*setting)
+    generator = np.random.default_rng([*map(ord, str(setting))])
+    rows = absurd_rows(separation, generator)
+    guard()
+    start = time.perf_counter()
+    outcome = simulate(separation, rows)
+    check_outcome(outcome)
+    with_gradients = simulate_with_gradients(separation, rows)
+    assert time.perf_counter() - start < ROWS * 0.02
+    np.testing.assert_array_equal(with_gradients.status, outcome.status)
+    np.testing.assert_array_equal(with_gradients.base, outcome.base)
+    finished = outcome.status == Status.OK
+    for name in quantity_table(separation):
+        gradients = with_gradients.quantity_gradient(name)
+        assert np.isfinite(gradients[finished]).all(), name
+        assert np.isnan(gradients[~finished]).all(), name
+    assert {Status.OK, Status.INVALID_PARAMETERS, Status.PENETRATION, Status.TOO_MANY_STEPS} <= set(outcome.status)
+    assert not "".join(capfd.readouterr())
