@@ -131,3 +131,11 @@ def test_the_motion_in_words(capsys):
     out = capsys.readouterr().out
     for words in ("0.25 s", "w_sat", "dv_platform", "last release"):
         assert words in out
+
+
+def test_a_flight_that_is_cut_short_is_no_success():
+    """A thousand seconds under gravity need more steps than a run has; its numbers are missing, not silently so."""
+    document = run_document(load_case("reference"), [1000.0])
+    assert document["at"] == [None]
+    assert document["status"] == "TOO_MANY_STEPS"
+    assert document["message"].startswith("the flight until 1000 s: the motion needed more steps than are allowed")
