@@ -19,7 +19,8 @@ _LOG_2PI = math.log(2.0 * math.pi)
 # Share of the pool that is drawn from the standard normal itself, and from the widened mixture: they bound the weights.
 _NOMINAL_SHARE = 0.1
 _WIDE_SHARE = 0.15
-_LEARNING_POINTS = 8000
+# Points of each level, and those that a mixture is fitted to.
+_LEARNING_POINTS, _FITTING_POINTS = 8000, 1200
 
 
 def normalLogDensity(y: np.ndarray) -> np.ndarray:
@@ -220,7 +221,7 @@ def fitImportantRegion(
         weight = np.exp(logTarget - logTarget.max())
         if weight.sum() ** 2 / (weight**2).sum() < 4.0 * (dimension + 2):
             return None
-        chosen = generator.choice(len(y), size=2000, p=weight / weight.sum())
+        chosen = generator.choice(len(y), size=_FITTING_POINTS, p=weight / weight.sum())
         mixture = fitGaussianMixture(y[chosen], generator).withDefence()
         if closing:
             break

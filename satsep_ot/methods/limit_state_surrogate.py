@@ -25,12 +25,12 @@ from satsep_ot.methods.variable_projection import fit_ridge
 # the data is not known to be the truth elsewhere.
 _SMALLEST_ERROR = 0.01
 # The search for a subspace need not be more exact than the runs let it be: it is continued after the next block.
-_SEARCH_STEPS = 15
-_SEARCH_TOLERANCE = 1e-4
+_SEARCH_STEPS = 6
+_SEARCH_TOLERANCE = 1e-3
 # A larger model must lower the estimated squared error of prediction by this factor to be preferred.
 _PARSIMONY = 0.9
-# Points further than this number of scales from the limit have a probability of failure of 0 or 1.
-_BAND = 8.0
+# A search over many points knows the size of the error from so many that are nearest to the limit.
+_NEAREST = 500
 # Points, so many times as far out as the runs, that tell which components fail together.
 _PROBES, _PROBE_SPREAD = 2000, 3.0
 
@@ -60,13 +60,11 @@ class ComponentFit:
     polynomial: object
     error: float
 
-    def predict(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
-        """Values at active variables (n, r) and normalised inactive radii (n,)."""
+    def variables(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
+        """The polynomial's variables from active ones (n, r) and normalised inactive radii (n,)."""
         if self.model.radial:
             active = np.column_stack([active, radius])
-        if active.shape[1] == 0:
-            active = np.zeros((len(active), 1))
-        return self.polynomial.predict(active)
+        return active if active.shape[1] else np.zeros((len(active), 1))
 
 
 def normalisedRadius(u: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -97,9 +95,7 @@ class LimitStateSurrogate:
     weights : array (n,)
         Weights of the fits.
     previous : LimitStateSurrogate, optional
-        Its models and subspaces are the start of this fit.
-    reselect : bool
-        Choose the models anew.
+        Its subspaces are the start of this fit.
     maximumDimension, maximumDegree : int
         Limits of the choice.
     """
@@ -111,7 +107,6 @@ class LimitStateSurrogate:
         margin: Callable,
         weights: np.ndarray,
         previous: "LimitStateSurrogate | None" = None,
-        reselect: bool = True,
         maximumDimension: int = 3,
         maximumDegree: int = 4,
     ):
@@ -121,10 +116,7 @@ class LimitStateSurrogate:
         fits = []
         for index, column in enumerate(values.T):
             old = None if previous is None else previous.components[index]
-            if old is not None and not reselect:
-                fits.append(_fitModel(u, column, weights, old.model, None, old.directions))
-            else:
-                fits.append(_selectModel(u, column, weights, old, maximumDimension, maximumDegree))
+            fits.append(_selectModel(u, column, weights, old, maximumDimension, maximumDegree))
         self.directions = _union([fit.directions for fit in fits], self.inputs)
         # The inactive radius belongs to the complement of all active directions, so it comes second.
         self.radial = False
@@ -158,11 +150,21 @@ class LimitStateSurrogate:
 
     def predict(self, y: np.ndarray) -> np.ndarray:
         """Components (n, p) at variables of the surrogate (n, k)."""
+        return np.column_stack(
+            [fit.polynomial.predict(x) for fit, x in zip(self.components, self._variables(y), strict=True)]
+        )
+
+    def predictionErrors(self, y: np.ndarray) -> np.ndarray:
+        """Standard deviations (n, p) of the errors of the components: larger where a polynomial extrapolates."""
+        variances = [
+            fit.polynomial.relative_variance(x) for fit, x in zip(self.components, self._variables(y), strict=True)
+        ]
+        return self.errors * np.sqrt(1.0 + np.column_stack(variances))
+
+    def _variables(self, y):
         k = self.directions.shape[1]
         radius = y[:, k] if self.radial else None
-        return np.column_stack(
-            [fit.predict(y[:, :k] @ a, radius) for fit, a in zip(self.components, self._rotations, strict=True)]
-        )
+        return [fit.variables(y[:, :k] @ a, radius) for fit, a in zip(self.components, self._rotations, strict=True)]
 
     def limitState(self, y: np.ndarray, exact: bool = True) -> tuple[np.ndarray, np.ndarray]:
         """Predicted limit state and the standard deviation of its error, each (n,).
@@ -171,26 +173,21 @@ class LimitStateSurrogate:
         ----------
         y : array (n, k)
         exact : bool
-            False: the deviation is computed on a few points only, its largest value stands for the others.
+            False: the deviation of the points nearest to the limit stands for that of the others.
         """
         values = self.predict(y)
         value = self.margin(values)
-        order = np.argsort(np.abs(value))
-        scale = np.empty(len(y))
-        largest = 0.0
-        chunk = 500 if not exact else max(len(y) // 20, 500)
-        for start in range(0, len(y), chunk):
-            rows = order[start : start + chunk]
-            if start and (not exact or np.abs(value[rows[0]]) > _BAND * largest):
-                scale[order[start:]] = largest
-                break
-            squares = np.zeros(len(rows))
-            for j, error in enumerate(self.errors):
-                shifted = values[rows].copy()
-                shifted[:, j] += error
-                squares += (self.margin(shifted) - value[rows]) ** 2
-            scale[rows] = np.sqrt(squares)
-            largest = max(largest, float(scale[rows].max()))
+        rows = np.arange(len(y))
+        if not exact and len(y) > _NEAREST:
+            rows = np.argpartition(np.abs(value), _NEAREST)[:_NEAREST]
+        squares = np.zeros(len(rows))
+        for j, error in enumerate(self.predictionErrors(y[rows]).T):
+            shifted = values[rows]
+            shifted[:, j] += error
+            squares += (self.margin(shifted) - value[rows]) ** 2
+        scale = np.sqrt(squares)
+        if len(rows) < len(y):
+            scale = np.full(len(y), np.median(scale))
         # A composition that is flat here would give 0: the composed value is then certain to rounding.
         return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))
 
@@ -272,9 +269,13 @@ def _predictionError(polynomial, weights, parameters):
 
 def _fitModel(u, column, weights, model, radius, initial):
     directions = np.zeros((u.shape[1], 0))
-    if model.dimension:
+    if model.degree == 1:
+        # The one direction of a linear ridge is a linear regression's.
+        linear = fit_polynomial(PolynomialBasis(u.shape[1], 1), u, column, weights, allow_deficient=True)
+        directions = linear.coefficients[1:, None] / max(np.linalg.norm(linear.coefficients[1:]), 1e-300)
+    elif model.dimension:
         directions = fit_ridge(
-            u, column, model.dimension, max(model.degree, 1), weights, 1, initial, _SEARCH_STEPS, _SEARCH_TOLERANCE
+            u, column, model.dimension, model.degree, weights, 1, initial, _SEARCH_STEPS, _SEARCH_TOLERANCE
         ).directions
     variables = u @ directions
     if model.radial and radius is not None:
@@ -295,9 +296,12 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
     ladder = [best]
     # What is smaller than the smallest error that is believed needs no larger model.
     floor = 0.5 * _SMALLEST_ERROR * float(column.std())
-    for dimension in range(1, min(maximumDimension, d) + 1):
+    # What the earlier surrogate has outgrown by more than one step need not be tried again.
+    fewest = max(1, 0 if old is None else old.model.dimension - 1)
+    lowest = max(1, 0 if old is None else old.model.degree - 1)
+    for dimension in range(fewest, min(maximumDimension, d) + 1):
         improved, lower = False, None
-        for degree in range(1 if dimension == 1 else 2, maximumDegree + 1):
+        for degree in range(max(lowest, min(dimension, 2)), maximumDegree + 1):
             model = RidgeModel(dimension, degree)
             if model.parameters(d) > 0.75 * effective or best.error <= floor:
                 break
@@ -306,15 +310,15 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
             initial = None
             if lower is not None and degree > 2:
                 initial = lower.directions
-            elif degree == 2 and old is not None and old.model.dimension == dimension and old.model.degree > 1:
-                initial = old.directions
+            elif old is not None and old.model.dimension >= dimension and old.model.degree > 1:
+                initial = old.directions[:, :dimension]
             lower = fit = _fitModel(u, column, weights, model, None, initial)
             if fit.error < math.sqrt(_PARSIMONY) * best.error:
                 best, improved = fit, True
         if improved:
             ladder.append(best)
         # A second direction may show where the first one does not (an even function), a third one after both.
-        elif dimension >= 2:
+        elif dimension > max(fewest, 1):
             break
     if best.error <= floor:
         return best

@@ -27,17 +27,21 @@ from satsep_ot.methods.subset_simulation import runSubsetSimulation
 __all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
 
 _MODES = ("fast", "safe")
-# Stop needs this many true failures and blocks beside the target coefficient of variation.
-_MINIMUM_FAILURES = 60
+# Stop needs this many true failures and blocks beside the target coefficient of variation. More are planned: to stop
+# where failures happened to be many, and to go on where they happened to be few, would bias the estimate.
+_MINIMUM_FAILURES, _PLANNED_FAILURES = 60, 80
 _MINIMUM_BLOCKS = 3
+# Refits cost time: they come after this share of new runs.
+_REFIT_SHARE = 0.25
 # Learning goes on while a block of runs is expected to save more runs than it costs.
 _MAXIMUM_LEARNING_SHARE = 0.4
 # A polynomial that fails nowhere within six standard deviations has not seen the failures.
 _SMALLEST_PROBABILITY = 1e-10
 # Above this shape of their largest values the mean and variance of the corrections are not to be trusted.
 _LARGEST_PARETO_SHAPE = 0.7
-# Points that stand for the distribution of the active variables: their error is below 1 % for most limit states.
-_POOL_SIZE = 60_000
+# Points that stand for the distribution of the active variables. So many times more are taken where their error would
+# be more than this share of the target.
+_POOL_SIZE, _LARGEST_POOL_FACTOR, _POOL_SHARE = 20_000, 25.0, 0.3
 # Up to so many active directions one mixture finds all modes by itself.
 _SINGLE_SPACE = 3
 # One mode alone is found with few points.
@@ -275,16 +279,15 @@ class ActiveSubspaceReliability:
         """Fit, propose, run, refit: until more learning does not pay."""
         limit = _MAXIMUM_LEARNING_SHARE * self._maximumEvaluations + self._phases.get("subset", 0)
         # Quartics through the first normal points would invent failures far out.
-        self._fit(reselect=True, maximumDegree=2 if self._mode == "fast" else 4)
+        self._fit(maximumDegree=2 if self._mode == "fast" else 4)
         proposal = self._propose()
         best, idle, earlier = math.inf, 0, 0.0
         while True:
-            # Refits cost time: with many runs they come after a larger share of new ones.
-            size = max(self._blockSize, int(0.1 * self._used()))
+            size = max(self._blockSize, int(_REFIT_SHARE * self._used()))
             u = self._drawWide(size) if proposal is None else self._drawRuns(proposal, proposal.exploration, size)[0]
             runs = self._evaluate(u, "learning")
             trusted = self._calibrate(runs)
-            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
+            self._fit()
             exhausted = self._used() + size > limit
             proposal = self._propose()
             if proposal is None:
@@ -292,7 +295,7 @@ class ActiveSubspaceReliability:
                     return None
                 continue
             needed = self._runsNeeded(proposal)
-            idle = idle + 1 if best - needed < self._blockSize else 0
+            idle = 0 if needed < best - self._blockSize else idle + 1
             best = min(best, needed)
             enough = needed <= self._runsForFailures(proposal) or idle >= 2
             # A refit that moves the surrogate's probability has not been tested by runs that it had not seen.
@@ -347,7 +350,9 @@ class ActiveSubspaceReliability:
                 )
                 return
             self._calibrate(runs)
-            self._fit(reselect=self._used() >= 1.3 * self._selectedAt)
+            if self._used() < (1.0 + _REFIT_SHARE) * self._fittedAt:
+                continue
+            self._fit()
             # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
             # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
             refitted = self._propose() or self._propose()
@@ -385,22 +390,20 @@ class ActiveSubspaceReliability:
             if checked:
                 self._phases["composition check"] = checked
 
-    def _fit(self, reselect, maximumDegree=4):
+    def _fit(self, maximumDegree=4):
         runs = Runs.concatenate(self._runs)
         kept = runs.finite
         margins = runs.margins[kept]
         # Near the limit the fit counts most; the width follows the runs towards it.
         width = max(float(np.median(np.abs(margins))), 0.2 * self._nominalSpread)
         self._weightWidth = width
-        if reselect:
-            self._selectedAt = self._used()
+        self._fittedAt = self._used()
         self._surrogate = LimitStateSurrogate(
             runs.u[kept],
             self._limitState.smooth(runs.outputs[kept]),
             self._limitState.surrogateMargin,
             1.0 / (1.0 + (margins / width) ** 2),
             self._surrogate,
-            reselect,
             maximumDegree=maximumDegree,
         )
         self._surrogate.errors = self._surrogate.errors * self._calibration
@@ -416,7 +419,7 @@ class ActiveSubspaceReliability:
         kept = runs.finite
         y = self._surrogate.reduce(runs.u[kept])
         predicted = self._surrogate.predict(y)
-        standardised = (self._limitState.smooth(runs.outputs[kept]) - predicted) / self._surrogate.errors
+        standardised = (self._limitState.smooth(runs.outputs[kept]) - predicted) / self._surrogate.predictionErrors(y)
         weight = 1.0 / (1.0 + (runs.margins[kept] / self._weightWidth) ** 2)
         squared = weight @ standardised**2
         total = weight.sum()
@@ -440,20 +443,24 @@ class ActiveSubspaceReliability:
             mixture = fitImportantRegion(lambda y: surrogate.limitState(y, exact=False), k, generator)
         if mixture is None:
             return None
-        # The composition of many components takes time; a mixture of modes needs fewer points.
-        size = _POOL_SIZE if k <= _SINGLE_SPACE else _POOL_SIZE // 2
-        pool = Pool.draw(mixture, size, generator)
-        value, scale = surrogate.limitState(pool.points)
-        failure = self._withNonFinite(ndtr(-value / scale))
-        probability, variance = pool.expectation(failure)
-        if probability < _SMALLEST_PROBABILITY:
-            return None
+        factor = 1.0
+        while True:
+            pool = Pool.draw(mixture, int(factor * _POOL_SIZE), generator)
+            value, scale = surrogate.limitState(pool.points)
+            failure = self._withNonFinite(ndtr(-value / scale))
+            probability, variance = pool.expectation(failure)
+            if probability < _SMALLEST_PROBABILITY:
+                return None
+            missing = variance / (_POOL_SHARE * self._targetCoefficientOfVariation * probability) ** 2
+            if missing <= 1.0 or factor == _LARGEST_POOL_FACTOR:
+                break
+            factor = min(1.2 * missing * factor, _LARGEST_POOL_FACTOR)
 
         def band(width):
             share = ndtr(-value / (width * scale))
             return np.sqrt(share * (1.0 - share))
 
-        nominal = np.ones(size)
+        nominal = np.ones(len(value))
         near, far = band(4.0), band(12.0)
         selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
         exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
@@ -528,7 +535,7 @@ class ActiveSubspaceReliability:
         return proposal.runVariance() / allowed if allowed > 0.0 else math.inf
 
     def _runsForFailures(self, proposal):
-        return _MINIMUM_FAILURES / max(proposal.failureShare(), 0.05)
+        return _PLANNED_FAILURES / max(proposal.failureShare(), 0.05)
 
     def _subsetIsBetter(self, proposal, remaining):
         """Whether subset simulation would be more exact with the remaining runs, by its usual error (Au and Beck)."""
