@@ -16,10 +16,10 @@ ALLOWED = {
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "jinja2", "markupsafe", "satsep_ot"},
 }
 STANDARD_LIBRARY = {
-    "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "dataclasses", "datetime", "difflib",
-    "enum", "faulthandler", "functools", "hashlib", "importlib", "io", "itertools", "json", "math", "multiprocessing",
-    "os", "pathlib", "pickle", "platform", "re", "signal", "sys", "tempfile", "threading", "time", "tomllib",
-    "traceback", "types", "typing", "warnings", "xml", "zipfile", "zlib",
+    "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses", "datetime",
+    "difflib", "enum", "faulthandler", "fcntl", "functools", "hashlib", "importlib", "io", "itertools", "json",
+    "math", "multiprocessing", "os", "pathlib", "pickle", "platform", "re", "signal", "sys", "tempfile",
+    "threading", "time", "tomllib", "traceback", "types", "typing", "warnings", "weakref", "xml", "zipfile", "zlib",
 }  # fmt: skip
 
 
