@@ -17,8 +17,6 @@ OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
 KERNEL = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
 # Small functions of inner loops: a call that passes arrays would cost more than what they do.
 INLINE = {"forceinline": True, **KERNEL}
-# Functions that are called at one place alone: taken into their caller before it is compiled.
-ONCE = {"inline": "always", **OPTIONS}
 
 
 @njit(**INLINE)
@@ -28,6 +26,18 @@ def known(index):
     Where numba must allow for an index from the end, the compiler makes no vector instructions of a loop.
     """
     return index & 0xFFFFF
+
+
+@njit(**INLINE)
+def larger(a, b):
+    """The larger of two numbers; `max` and `min` cost numba more to compile."""
+    return b if b > a else a
+
+
+@njit(**INLINE)
+def smaller(a, b):
+    """The smaller of two numbers."""
+    return b if b < a else a
 
 
 def _digest(folder):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE, known
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known, larger, smaller
 from satsep_ot.dynamics.gravity import ANCHOR_LIFE, move_anchor, place_anchor
 from satsep_ot.dynamics.integration import (
     EIGHTH_ORDER,
@@ -191,24 +191,24 @@ def place_springs(p, c, marks):
         c[k + RELEASE_STROKE] = stroke
         if kind == LINEAR:
             valid = valid and p[q + 2] > 0.0 and p[q + 3] > 0.0
-            stroke = min(stroke, p[q + 3])
+            stroke = smaller(stroke, p[q + 3])
             c[k + RELEASE_STROKE] = stroke
             stiffness += scale * p[q + 2]
             energy += scale * p[q + 2] * stroke * (2.0 * p[q + 3] - stroke)
-            deformation = max(deformation, p[q + 3])
+            deformation = larger(deformation, p[q + 3])
         elif kind != FRICTION:
             # Another law: slopes and work close enough for a step size and a typical velocity.
             steepest = 0.0
             for n in range(8):
                 z = stroke * n / 8.0
                 value, slope, _, _ = law(c, marks, i, z)
-                steepest = max(steepest, abs(slope))
+                steepest = larger(steepest, abs(slope))
                 energy += scale * 2.0 * abs(value) * stroke / 8.0
             stiffness += scale * steepest
-            deformation = max(deformation, stroke)
-        shortest = min(shortest, stroke)
-        arm1 = max(arm1, c[k] ** 2 + c[k + 1] ** 2 + c[k + 2] ** 2)
-        arm2 = max(arm2, c[k + 3] ** 2 + c[k + 4] ** 2 + c[k + 5] ** 2)
+            deformation = larger(deformation, stroke)
+        shortest = smaller(shortest, stroke)
+        arm1 = larger(arm1, c[k] * c[k] + c[k + 1] * c[k + 1] + c[k + 2] * c[k + 2])
+        arm2 = larger(arm2, c[k + 3] * c[k + 3] + c[k + 4] * c[k + 4] + c[k + 5] * c[k + 5])
     return valid, stiffness, energy, arm1, arm2, shortest, deformation
 
 
@@ -288,11 +288,11 @@ def prepare(p, orbit, c, marks, x):
     x[13] = q1
     x[14] = q2
     x[15] = q3
-    lever1 = arm1 * max(c[10], c[14], c[18])
-    lever2 = arm2 * max(c[28], c[32], c[36])
+    lever1 = arm1 * larger(c[10], larger(c[14], c[18]))
+    lever2 = arm2 * larger(c[28], larger(c[32], c[36]))
     square = stiffness * (c[INVERSE_REDUCED_MASS] + lever1 + lever2)
     if marks[FORCE_LINE] == STRUT:
-        square *= max(1.0, deformation / stowed)
+        square *= larger(1.0, deformation / stowed)
     for n in range(6, 12):
         square += x[n] * x[n]
     if marks[POINT_NUMBER] > 0:
@@ -345,7 +345,7 @@ def wall_growth(c, marks, wall, point):
     """How fast the clearance of a point from a wall shrinks [m/s]."""
     approach = wall_approach(c, marks, wall, point)
     if wall == 0:
-        return approach / max(math.sqrt(point[0] * point[0] + point[2] * point[2]), 1e-300)
+        return approach / larger(math.sqrt(point[0] * point[0] + point[2] * point[2]), 1e-300)
     return approach
 
 
@@ -397,7 +397,7 @@ def refined_estimate(h, s, rate, acceleration, stroke, square):
         h -= change
         if abs(change) < 1e-12:
             break
-    return max(h, 0.0)
+    return larger(h, 0.0)
 
 
 @njit(**KERNEL)
@@ -555,7 +555,7 @@ def follow_points(step, tape, w, c, marks, follow, short):
                     slope = slope0 + z * (2.0 * bend + z * 3.0 * twist)
                     if not slope > 0.0:
                         break
-                    z = min(max(z - value / slope, 0.0), 1.0)
+                    z = smaller(larger(z - value / slope, 0.0), 1.0)
                     if abs(value) < 1e-9:
                         break
             end = locate_exit(step, tape, z * h, w, c, marks, follow, i, short)
@@ -656,7 +656,7 @@ def start_springs(c, marks, w, release_time):
     return number, pushers
 
 
-@njit(**ONCE)
+@njit(**KERNEL)
 def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow, release_time, stop_x):
     """Simulate one run; returns (status, number of steps, index of the tape state at the last release).
 
@@ -673,7 +673,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
     # A fourth-order step this short has an error of (w h)^5 / 120, well below the tolerance.
     short = (0.6 * tolerance) ** 0.2 / frequency
     h_next = 9.0 * tolerance**0.125 / frequency
-    step_tolerance = max(STEP_MARGIN * tolerance, 1e-13)
+    step_tolerance = larger(STEP_MARGIN * tolerance, 1e-13)
     number, pushers = start_springs(c, marks, w, release_time)
     to_release = number
     if pushers == 0:
@@ -740,7 +740,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 if marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == TABLE:
                     # The force bends at a knot of its table: steps that end there keep their order.
                     knot = next_knot(c, marks, i, s + 1e-7)
-                    knot_time = min(knot_time, first_estimate(s, rate, acceleration, knot))
+                    knot_time = smaller(knot_time, first_estimate(s, rate, acceleration, knot))
                 time = first_estimate(s, rate, acceleration, c[k + RELEASE_STROKE])
                 if time < target:
                     target = time
@@ -759,11 +759,11 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                 for i in range(marks[POINT_NUMBER]):
                     if follow.step[i] < 0:
                         y_rate = follow.start[i, 4]
-                        ahead = max(ahead, (c[DEPTH] - follow.start[i, 1]) / y_rate) if y_rate > 0.0 else np.inf
-                h = min(h, 1.0001 * ahead + 1e-9)
-            h = min(h, knot_time)
+                        ahead = larger(ahead, (c[DEPTH] - follow.start[i, 1]) / y_rate) if y_rate > 0.0 else np.inf
+                h = smaller(h, 1.0001 * ahead + 1e-9)
+            h = smaller(h, knot_time)
             if gravity:
-                h = min(h, 0.5 * ANCHOR_LIFE)
+                h = smaller(h, 0.5 * ANCHOR_LIFE)
             for n in range(3):
                 w[ALLOWED + n] = step_tolerance * stroke
                 w[ALLOWED + 3 + n] = step_tolerance * (velocity + abs(x[3 + n]))
@@ -772,7 +772,7 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
             for n in range(12, STATE_SIZE):
                 w[ALLOWED + n] = step_tolerance
             landing = target < limit and target <= 1.3 * h
-            h = target if landing else min(h, limit)
+            h = target if landing else smaller(h, limit)
             if short < h <= 2.0 * short:
                 # Two short steps cost less than a long one.
                 h *= 0.5
@@ -790,12 +790,12 @@ def run(orbit, attitude, stops, horizon, tolerance, p, c, marks, w, tape, follow
                         if not ratio < 1e30:
                             forget_slopes(w)
                             stages(FIRST, SECOND, EIGHTH_ORDER, t, 0.0, w, c, marks)
-                        h *= max(0.2, 0.9 * ratio**-0.125) if ratio < 1e30 else 0.2
+                        h *= larger(0.2, 0.9 * ratio**-0.125) if ratio < 1e30 else 0.2
                         h_next = h
                         landing = False
                         continue
-                    suggestion = h * (min(6.0, 0.9 * ratio**-0.125) if ratio > 0.0 else 6.0)
-                    h_next = suggestion if h >= h_next else max(h_next, suggestion)
+                    suggestion = h * (smaller(6.0, 0.9 * ratio**-0.125) if ratio > 0.0 else 6.0)
+                    h_next = suggestion if h >= h_next else larger(h_next, suggestion)
                 finish(method, h, w)
                 spring, time = reached_release(w, K, c, marks, expected if landing else NOBODY)
                 if spring < 0 or time > short:

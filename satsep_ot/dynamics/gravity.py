@@ -9,7 +9,7 @@ import math
 
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, smaller
 from satsep_ot.dynamics.system import (
     ANCHOR,
     ANCHOR_TIME,
@@ -49,7 +49,7 @@ def place_anchor(c):
 def move_anchor(t, c):
     """Carry the anchor forward to t on its Kepler orbit, in strides of at most its life, by the f and g series."""
     while c[ANCHOR_TIME] < t:
-        h = min(t - c[ANCHOR_TIME], ANCHOR_LIFE)
+        h = smaller(t - c[ANCHOR_TIME], ANCHOR_LIFE)
         u = c[GRAVITY_RATE]
         p = -c[GRAVITY_RATE_SLOPE] / (3.0 * u)
         q = -u

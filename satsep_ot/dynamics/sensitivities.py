@@ -14,9 +14,10 @@ functions for hybrid discrete/continuous systems", Applied Numerical Mathematics
 
 import math
 
+import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL, ONCE, known
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known, larger
 from satsep_ot.dynamics.flight import (
     AT_EXIT,
     AT_START,
@@ -119,6 +120,28 @@ G_SPRINGS, G_SPRING_SIZE = integers(G + 21, 14)
 X_BLOCK = X + 16
 
 
+def places(row, count):
+    """Where `count` rows of a sweep's array start, from `row` on."""
+    return integers(*range(LANES * row, LANES * (row + count), LANES))
+
+
+# The places of rows in that array, and those of the rows behind a place: numba compiles every sum and product of an
+# index at its own cost.
+X0, X1, X2, X3, X4, X5, X6, X7, X8, X9, X10, X11, X12, X13, X14, X15 = places(X, 16)
+B0, B1, B2, B3, B4, B5, B6, B7, B8, B9, B10, B11, B12, B13 = places(X_BLOCK, 14)
+S0, S1, S2, S3, S4, S5, S6, S7, S8, S9, S10, S11, S12, S13, S14, S15, S16, S17 = places(S, 18)
+M0, M1, M2, M3, M4, M5, M6, M7, M8, M9, M10, M11, M12, M13, M14, M15, M16, M17 = places(M, 18)
+(
+    KB0, KB1, KB2, KB3, KB4, KB5, KB6, KB7, KB8, KB9, KB10, KB11, KB12, KB13, KB14, KB15, KB16, KB17, KB18, KB19,
+) = places(KB, 20)  # fmt: skip
+(
+    OUT0, OUT1, OUT2, OUT3, OUT4, OUT5, OUT6, OUT7, OUT8, OUT9,
+    OUT10, OUT11, OUT12, OUT13, OUT14, OUT15, OUT16, OUT17, OUT18, OUT19,
+) = places(OUT, 20)  # fmt: skip
+LAM0, MU0, G0, G_STOWED0 = integers(*(LANES * np.array([LAM, MU, G, G_STOWED])))
+L1, L2, L3, L4, L5, L6, L7, L8, L9, L10, L11, L12, L13 = places(1, 13)
+
+
 def sweep_size(spring_number, plane_number):
     """Numbers that the working array of a sweep takes."""
     return LANES * (G_SPRINGS + G_SPRING_SIZE * spring_number + 8 + plane_number)
@@ -144,19 +167,19 @@ def add_rotation_adjoint(a, row, q0, q1, q2, q3, target):
     for n in range(LANES):
         m = known(row * LANES) + n
         m00 = a[m]
-        m01 = a[m + LANES]
-        m02 = a[m + 2 * LANES]
-        m10 = a[m + 3 * LANES]
-        m11 = a[m + 4 * LANES]
-        m12 = a[m + 5 * LANES]
-        m20 = a[m + 6 * LANES]
-        m21 = a[m + 7 * LANES]
-        m22 = a[m + 8 * LANES]
+        m01 = a[m + L1]
+        m02 = a[m + L2]
+        m10 = a[m + L3]
+        m11 = a[m + L4]
+        m12 = a[m + L5]
+        m20 = a[m + L6]
+        m21 = a[m + L7]
+        m22 = a[m + L8]
         o = known(target * LANES) + n
         a[o] += 2.0 * (q3 * (m10 - m01) + q2 * (m02 - m20) + q1 * (m21 - m12))
-        a[o + LANES] += 2.0 * (q2 * (m01 + m10) + q3 * (m02 + m20) + q0 * (m21 - m12) - 2.0 * q1 * (m11 + m22))
-        a[o + 2 * LANES] += 2.0 * (q1 * (m01 + m10) + q3 * (m12 + m21) + q0 * (m02 - m20) - 2.0 * q2 * (m00 + m22))
-        a[o + 3 * LANES] += 2.0 * (q1 * (m02 + m20) + q2 * (m12 + m21) + q0 * (m10 - m01) - 2.0 * q3 * (m00 + m11))
+        a[o + L1] += 2.0 * (q2 * (m01 + m10) + q3 * (m02 + m20) + q0 * (m21 - m12) - 2.0 * q1 * (m11 + m22))
+        a[o + L2] += 2.0 * (q1 * (m01 + m10) + q3 * (m12 + m21) + q0 * (m02 - m20) - 2.0 * q2 * (m00 + m22))
+        a[o + L3] += 2.0 * (q1 * (m02 + m20) + q2 * (m12 + m21) + q0 * (m10 - m01) - 2.0 * q3 * (m00 + m11))
 
 
 @njit(**KERNEL)
@@ -185,116 +208,116 @@ def spring_adjoint(x, at, r, i, target, a, c, marks):
     dz = qz - c[k + 2]
     if marks[FORCE_LINE] == GUIDED:
         for n in range(LANES):
-            hx = a[X * LANES + n]
-            hy = a[(X + 1) * LANES + n]
-            hz = a[(X + 2) * LANES + n]
+            hx = a[X0 + n]
+            hy = a[X1 + n]
+            hz = a[X2 + n]
             along = hx * gx + hy * gy + hz * gz
-            bar = a[(X + 6) * LANES + n] + slope * along
+            bar = a[X6 + n] + slope * along
             vx = bar * gx
             vy = bar * gy
             vz = bar * gz
-            a[(X + 7) * LANES + n] = along
-            a[(X + 8) * LANES + n] = vx + a[(X + 3) * LANES + n]
-            a[(X + 9) * LANES + n] = vy + a[(X + 4) * LANES + n]
-            a[(X + 10) * LANES + n] = vz + a[(X + 5) * LANES + n]
-            a[(X + 11) * LANES + n] = 0.0
-            a[(X + 12) * LANES + n] = 0.0
-            a[(X + 13) * LANES + n] = 0.0
-            a[(X + 14) * LANES + n] = 0.0
-            a[(X + 15) * LANES + n] = 0.0
-            a[X_BLOCK * LANES + n] = -vx
-            a[(X_BLOCK + 1) * LANES + n] = -vy
-            a[(X_BLOCK + 2) * LANES + n] = -vz
-            a[(X_BLOCK + 6) * LANES + n] = f * hx + bar * dx
-            a[(X_BLOCK + 7) * LANES + n] = f * hy + bar * dy
-            a[(X_BLOCK + 8) * LANES + n] = f * hz + bar * dz
+            a[X7 + n] = along
+            a[X8 + n] = vx + a[X3 + n]
+            a[X9 + n] = vy + a[X4 + n]
+            a[X10 + n] = vz + a[X5 + n]
+            a[X11 + n] = 0.0
+            a[X12 + n] = 0.0
+            a[X13 + n] = 0.0
+            a[X14 + n] = 0.0
+            a[X15 + n] = 0.0
+            a[B0 + n] = -vx
+            a[B1 + n] = -vy
+            a[B2 + n] = -vz
+            a[B6 + n] = f * hx + bar * dx
+            a[B7 + n] = f * hy + bar * dy
+            a[B8 + n] = f * hz + bar * dz
     elif marks[FORCE_LINE] == STRUT:
         # The direction turns with the seats: d g = (1 - g g^T) d delta / |delta|.
         turning = f / math.sqrt(dx * dx + dy * dy + dz * dz)
         for n in range(LANES):
-            hx = a[X * LANES + n]
-            hy = a[(X + 1) * LANES + n]
-            hz = a[(X + 2) * LANES + n]
+            hx = a[X0 + n]
+            hy = a[X1 + n]
+            hz = a[X2 + n]
             along = hx * gx + hy * gy + hz * gz
-            bar = a[(X + 6) * LANES + n] + slope * along
+            bar = a[X6 + n] + slope * along
             vx = bar * gx + turning * (hx - along * gx)
             vy = bar * gy + turning * (hy - along * gy)
             vz = bar * gz + turning * (hz - along * gz)
-            a[(X + 7) * LANES + n] = along
-            a[(X + 8) * LANES + n] = vx + a[(X + 3) * LANES + n]
-            a[(X + 9) * LANES + n] = vy + a[(X + 4) * LANES + n]
-            a[(X + 10) * LANES + n] = vz + a[(X + 5) * LANES + n]
-            a[(X + 11) * LANES + n] = 0.0
-            a[(X + 12) * LANES + n] = 0.0
-            a[(X + 13) * LANES + n] = 0.0
-            a[(X + 14) * LANES + n] = -bar
-            a[(X + 15) * LANES + n] = 0.0
-            a[X_BLOCK * LANES + n] = -vx
-            a[(X_BLOCK + 1) * LANES + n] = -vy
-            a[(X_BLOCK + 2) * LANES + n] = -vz
-            a[(X_BLOCK + 6) * LANES + n] = 0.0
-            a[(X_BLOCK + 7) * LANES + n] = 0.0
-            a[(X_BLOCK + 8) * LANES + n] = 0.0
+            a[X7 + n] = along
+            a[X8 + n] = vx + a[X3 + n]
+            a[X9 + n] = vy + a[X4 + n]
+            a[X10 + n] = vz + a[X5 + n]
+            a[X11 + n] = 0.0
+            a[X12 + n] = 0.0
+            a[X13 + n] = 0.0
+            a[X14 + n] = -bar
+            a[X15 + n] = 0.0
+            a[B0 + n] = -vx
+            a[B1 + n] = -vy
+            a[B2 + n] = -vz
+            a[B6 + n] = 0.0
+            a[B7 + n] = 0.0
+            a[B8 + n] = 0.0
     else:
         # F = N n_2 with N = f / D, D = cosine + friction * sine, p = seat + s n_1, s = delta . n_2 / cosine.
         nx = c[k + 6]
         ny = c[k + 7]
         nz = c[k + 8]
         cosine = nx * r01 + ny * r11 + nz * r21
-        sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+        sine = math.sqrt(larger(0.0, 1.0 - cosine * cosine))
         balance = cosine / share
         # The friction is kinked where rod and plate are aligned: 0 is one of its slopes there.
         bend = 1.0 - c[GUIDE_FRICTION] * cosine / sine if sine > 1e-12 else 1.0
         force = f / balance
         inverse = 1.0 / cosine
         for n in range(LANES):
-            hx = a[X * LANES + n]
-            hy = a[(X + 1) * LANES + n]
-            hz = a[(X + 2) * LANES + n]
-            cx = a[(X + 3) * LANES + n]
-            cy = a[(X + 4) * LANES + n]
-            cz = a[(X + 5) * LANES + n]
+            hx = a[X0 + n]
+            hy = a[X1 + n]
+            hz = a[X2 + n]
+            cx = a[X3 + n]
+            cy = a[X4 + n]
+            cz = a[X5 + n]
             along = (hx * r01 + hy * r11 + hz * r21) / balance
-            bar = (a[(X + 6) * LANES + n] + slope * along + cx * nx + cy * ny + cz * nz) * inverse
+            bar = (a[X6 + n] + slope * along + cx * nx + cy * ny + cz * nz) * inverse
             by_balance = -along * force
             by_cosine = by_balance * bend - bar * s
-            a[(X + 7) * LANES + n] = along
-            a[(X + 8) * LANES + n] = bar * r01
-            a[(X + 9) * LANES + n] = bar * r11
-            a[(X + 10) * LANES + n] = bar * r21
-            a[(X + 11) * LANES + n] = force * hx + bar * dx + by_cosine * nx
-            a[(X + 12) * LANES + n] = force * hy + bar * dy + by_cosine * ny
-            a[(X + 13) * LANES + n] = force * hz + bar * dz + by_cosine * nz
-            a[(X + 14) * LANES + n] = 0.0
-            a[(X + 15) * LANES + n] = by_balance * sine
-            a[X_BLOCK * LANES + n] = cx - bar * r01
-            a[(X_BLOCK + 1) * LANES + n] = cy - bar * r11
-            a[(X_BLOCK + 2) * LANES + n] = cz - bar * r21
-            a[(X_BLOCK + 6) * LANES + n] = s * cx + by_cosine * r01
-            a[(X_BLOCK + 7) * LANES + n] = s * cy + by_cosine * r11
-            a[(X_BLOCK + 8) * LANES + n] = s * cz + by_cosine * r21
+            a[X7 + n] = along
+            a[X8 + n] = bar * r01
+            a[X9 + n] = bar * r11
+            a[X10 + n] = bar * r21
+            a[X11 + n] = force * hx + bar * dx + by_cosine * nx
+            a[X12 + n] = force * hy + bar * dy + by_cosine * ny
+            a[X13 + n] = force * hz + bar * dz + by_cosine * nz
+            a[X14 + n] = 0.0
+            a[X15 + n] = by_balance * sine
+            a[B0 + n] = cx - bar * r01
+            a[B1 + n] = cy - bar * r11
+            a[B2 + n] = cz - bar * r21
+            a[B6 + n] = s * cx + by_cosine * r01
+            a[B7 + n] = s * cy + by_cosine * r11
+            a[B8 + n] = s * cz + by_cosine * r21
     for n in range(LANES):
-        along = a[(X + 7) * LANES + n]
-        vx = a[(X + 8) * LANES + n]
-        vy = a[(X + 9) * LANES + n]
-        vz = a[(X + 10) * LANES + n]
-        a[(X_BLOCK + 3) * LANES + n] = r00 * vx + r10 * vy + r20 * vz
-        a[(X_BLOCK + 4) * LANES + n] = r01 * vx + r11 * vy + r21 * vz
-        a[(X_BLOCK + 5) * LANES + n] = r02 * vx + r12 * vy + r22 * vz
-        a[(X_BLOCK + 9) * LANES + n] = by_stiffness * along
-        a[(X_BLOCK + 10) * LANES + n] = by_deformation * along
-        a[(X_BLOCK + 11) * LANES + n] = 0.0
-        a[(X_BLOCK + 12) * LANES + n] = 0.0
-        a[(X_BLOCK + 13) * LANES + n] = value * along
-        a[M * LANES + n] += vx * u
-        a[(M + 1) * LANES + n] += vx * v + a[(X + 11) * LANES + n]
-        a[(M + 2) * LANES + n] += vx * w
-        a[(M + 3) * LANES + n] += vy * u
-        a[(M + 4) * LANES + n] += vy * v + a[(X + 12) * LANES + n]
-        a[(M + 5) * LANES + n] += vy * w
-        a[(M + 6) * LANES + n] += vz * u
-        a[(M + 7) * LANES + n] += vz * v + a[(X + 13) * LANES + n]
-        a[(M + 8) * LANES + n] += vz * w
+        along = a[X7 + n]
+        vx = a[X8 + n]
+        vy = a[X9 + n]
+        vz = a[X10 + n]
+        a[B3 + n] = r00 * vx + r10 * vy + r20 * vz
+        a[B4 + n] = r01 * vx + r11 * vy + r21 * vz
+        a[B5 + n] = r02 * vx + r12 * vy + r22 * vz
+        a[B9 + n] = by_stiffness * along
+        a[B10 + n] = by_deformation * along
+        a[B11 + n] = 0.0
+        a[B12 + n] = 0.0
+        a[B13 + n] = value * along
+        a[M0 + n] += vx * u
+        a[M1 + n] += vx * v + a[X11 + n]
+        a[M2 + n] += vx * w
+        a[M3 + n] += vy * u
+        a[M4 + n] += vy * v + a[X12 + n]
+        a[M5 + n] += vy * w
+        a[M6 + n] += vz * u
+        a[M7 + n] += vz * v + a[X13 + n]
+        a[M8 + n] += vz * w
     add(a, X + 8, target, THREE)
     add(a, X + 14, G_STOWED, THREE - 1)
     add(a, X_BLOCK, G_SPRINGS + G_SPRING_SIZE * i, G_SPRING_SIZE)
@@ -324,23 +347,23 @@ def push_adjoint(x, at, r, i, a, c, marks):
     by = cy - dy
     bz = cz - dz
     for n in range(LANES):
-        tx = a[(S + 3) * LANES + n]
-        ty = a[(S + 4) * LANES + n]
-        tz = a[(S + 5) * LANES + n]
-        px = a[(S + 6) * LANES + n]
-        py = a[(S + 7) * LANES + n]
-        pz = a[(S + 8) * LANES + n]
+        tx = a[S3 + n]
+        ty = a[S4 + n]
+        tz = a[S5 + n]
+        px = a[S6 + n]
+        py = a[S7 + n]
+        pz = a[S8 + n]
         # Of the force: from the sum, from (c - d) x F and from -c x F. Of the contact point c and of d: from these too.
-        a[X * LANES + n] = a[S * LANES + n] + ty * bz - tz * by - py * cz + pz * cy
-        a[(X + 1) * LANES + n] = a[(S + 1) * LANES + n] + tz * bx - tx * bz - pz * cx + px * cz
-        a[(X + 2) * LANES + n] = a[(S + 2) * LANES + n] + tx * by - ty * bx - px * cy + py * cx
-        a[(X + 3) * LANES + n] = fy * (tz - pz) - fz * (ty - py)
-        a[(X + 4) * LANES + n] = fz * (tx - px) - fx * (tz - pz)
-        a[(X + 5) * LANES + n] = fx * (ty - py) - fy * (tx - px)
-        a[(X + 6) * LANES + n] = 0.0
-        a[(S + 9) * LANES + n] -= fy * tz - fz * ty
-        a[(S + 10) * LANES + n] -= fz * tx - fx * tz
-        a[(S + 11) * LANES + n] -= fx * ty - fy * tx
+        a[X0 + n] = a[S0 + n] + ty * bz - tz * by - py * cz + pz * cy
+        a[X1 + n] = a[S1 + n] + tz * bx - tx * bz - pz * cx + px * cz
+        a[X2 + n] = a[S2 + n] + tx * by - ty * bx - px * cy + py * cx
+        a[X3 + n] = fy * (tz - pz) - fz * (ty - py)
+        a[X4 + n] = fz * (tx - px) - fx * (tz - pz)
+        a[X5 + n] = fx * (ty - py) - fy * (tx - px)
+        a[X6 + n] = 0.0
+        a[S9 + n] -= fy * tz - fz * ty
+        a[S10 + n] -= fz * tx - fx * tz
+        a[S11 + n] -= fx * ty - fy * tx
     spring_adjoint(x, at, r, i, S + 9, a, c, marks)
 
 
@@ -364,37 +387,37 @@ def sums_adjoint(x, at, r, a, c):
     w21 = x[FORCES + 10]
     w22 = x[FORCES + 11]
     for n in range(LANES):
-        px = a[(S + 6) * LANES + n]
-        py = a[(S + 7) * LANES + n]
-        pz = a[(S + 8) * LANES + n]
-        tx = a[(S + 3) * LANES + n] - px
-        ty = a[(S + 4) * LANES + n] - py
-        tz = a[(S + 5) * LANES + n] - pz
-        a[(S + 9) * LANES + n] -= fy * pz - fz * py
-        a[(S + 10) * LANES + n] -= fz * px - fx * pz
-        a[(S + 11) * LANES + n] -= fx * py - fy * px
+        px = a[S6 + n]
+        py = a[S7 + n]
+        pz = a[S8 + n]
+        tx = a[S3 + n] - px
+        ty = a[S4 + n] - py
+        tz = a[S5 + n] - pz
+        a[S9 + n] -= fy * pz - fz * py
+        a[S10 + n] -= fz * px - fx * pz
+        a[S11 + n] -= fx * py - fy * px
         # Rows X to X + 11: the adjoints of the sums of f n and f n b^T.
-        a[X * LANES + n] = a[S * LANES + n] - (py * dz - pz * dy)
-        a[(X + 1) * LANES + n] = a[(S + 1) * LANES + n] - (pz * dx - px * dz)
-        a[(X + 2) * LANES + n] = a[(S + 2) * LANES + n] - (px * dy - py * dx)
-        a[(X + 3) * LANES + n] = ty * r20 - tz * r10
-        a[(X + 4) * LANES + n] = ty * r21 - tz * r11
-        a[(X + 5) * LANES + n] = ty * r22 - tz * r12
-        a[(X + 6) * LANES + n] = tz * r00 - tx * r20
-        a[(X + 7) * LANES + n] = tz * r01 - tx * r21
-        a[(X + 8) * LANES + n] = tz * r02 - tx * r22
-        a[(X + 9) * LANES + n] = tx * r10 - ty * r00
-        a[(X + 10) * LANES + n] = tx * r11 - ty * r01
-        a[(X + 11) * LANES + n] = tx * r12 - ty * r02
-        a[M * LANES + n] += tz * w10 - ty * w20
-        a[(M + 1) * LANES + n] += tz * w11 - ty * w21
-        a[(M + 2) * LANES + n] += tz * w12 - ty * w22
-        a[(M + 3) * LANES + n] += tx * w20 - tz * w00
-        a[(M + 4) * LANES + n] += tx * w21 - tz * w01
-        a[(M + 5) * LANES + n] += tx * w22 - tz * w02
-        a[(M + 6) * LANES + n] += ty * w00 - tx * w10
-        a[(M + 7) * LANES + n] += ty * w01 - tx * w11
-        a[(M + 8) * LANES + n] += ty * w02 - tx * w12
+        a[X0 + n] = a[S0 + n] - (py * dz - pz * dy)
+        a[X1 + n] = a[S1 + n] - (pz * dx - px * dz)
+        a[X2 + n] = a[S2 + n] - (px * dy - py * dx)
+        a[X3 + n] = ty * r20 - tz * r10
+        a[X4 + n] = ty * r21 - tz * r11
+        a[X5 + n] = ty * r22 - tz * r12
+        a[X6 + n] = tz * r00 - tx * r20
+        a[X7 + n] = tz * r01 - tx * r21
+        a[X8 + n] = tz * r02 - tx * r22
+        a[X9 + n] = tx * r10 - ty * r00
+        a[X10 + n] = tx * r11 - ty * r01
+        a[X11 + n] = tx * r12 - ty * r02
+        a[M0 + n] += tz * w10 - ty * w20
+        a[M1 + n] += tz * w11 - ty * w21
+        a[M2 + n] += tz * w12 - ty * w22
+        a[M3 + n] += tx * w20 - tz * w00
+        a[M4 + n] += tx * w21 - tz * w01
+        a[M5 + n] += tx * w22 - tz * w02
+        a[M6 + n] += ty * w00 - tx * w10
+        a[M7 + n] += ty * w01 - tx * w11
+        a[M8 + n] += ty * w02 - tx * w12
     for j in range(SUM_COLUMNS):
         factor = 1.0
         if j > 3:
@@ -404,24 +427,24 @@ def sums_adjoint(x, at, r, a, c):
         # The adjoint of the matrix, and for j > 0 that of d or R.
         matrix = known((MATRIX + SUM_ROWS * j) * LANES)
         for n in range(SUM_ROWS * LANES):
-            a[matrix + n] += factor * a[X * LANES + n]
+            a[matrix + n] += factor * a[X0 + n]
         k = known(SUMS + SUM_ROWS * j)
         target = known((S + 8 + j if j < 4 else M + j - 4) * LANES)
         if j > 0:
             for n in range(LANES):
                 a[target + n] += (
-                    c[k] * a[X * LANES + n]
-                    + c[k + 1] * a[(X + 1) * LANES + n]
-                    + c[k + 2] * a[(X + 2) * LANES + n]
-                    + c[k + 3] * a[(X + 3) * LANES + n]
-                    + c[k + 4] * a[(X + 4) * LANES + n]
-                    + c[k + 5] * a[(X + 5) * LANES + n]
-                    + c[k + 6] * a[(X + 6) * LANES + n]
-                    + c[k + 7] * a[(X + 7) * LANES + n]
-                    + c[k + 8] * a[(X + 8) * LANES + n]
-                    + c[k + 9] * a[(X + 9) * LANES + n]
-                    + c[k + 10] * a[(X + 10) * LANES + n]
-                    + c[k + 11] * a[(X + 11) * LANES + n]
+                    c[k] * a[X0 + n]
+                    + c[k + 1] * a[X1 + n]
+                    + c[k + 2] * a[X2 + n]
+                    + c[k + 3] * a[X3 + n]
+                    + c[k + 4] * a[X4 + n]
+                    + c[k + 5] * a[X5 + n]
+                    + c[k + 6] * a[X6 + n]
+                    + c[k + 7] * a[X7 + n]
+                    + c[k + 8] * a[X8 + n]
+                    + c[k + 9] * a[X9 + n]
+                    + c[k + 10] * a[X10 + n]
+                    + c[k + 11] * a[X11 + n]
                 )
 
 
@@ -446,7 +469,7 @@ def collect_sums(i, sign, w, c, marks, a):
     for n in range(SUM_ROWS):
         matrix = known((MATRIX + n) * LANES)
         for lane in range(LANES):
-            a[(X + 2) * LANES + lane] += sign * a[matrix + lane] * w[ROW + n]
+            a[X2 + lane] += sign * a[matrix + lane] * w[ROW + n]
     for row in range(SUM_ROWS):
         # The entries that hold one component of n: alone, then with each component of b.
         axis = row if row < 3 else (row - 3) // 3
@@ -458,33 +481,33 @@ def collect_sums(i, sign, w, c, marks, a):
             weight = sign * w[COLUMN + j]
             matrix = known((MATRIX + SUM_ROWS * j + row) * LANES)
             for lane in range(LANES):
-                a[X * LANES + lane] += weight * a[matrix + lane]
+                a[X0 + lane] += weight * a[matrix + lane]
         for j in range(SUM_ROWS):
             weight = sign * w[ROW + j]
             matrix = known((MATRIX + SUM_ROWS * (1 + row) + j) * LANES)
             for lane in range(LANES):
-                a[(X + 1) * LANES + lane] += weight * a[matrix + lane]
+                a[X1 + lane] += weight * a[matrix + lane]
         by_direction = known((g + 6 + axis) * LANES)
         by_arm = known((g + 3 + arm) * LANES)
         for lane in range(LANES):
-            by_column = a[(X + 1) * LANES + lane]
-            by_entry = a[X * LANES + lane] - stiffness * by_column
-            a[(X + 3) * LANES + lane] -= direction * factor * by_column
+            by_column = a[X1 + lane]
+            by_entry = a[X0 + lane] - stiffness * by_column
+            a[X3 + lane] -= direction * factor * by_column
             a[by_direction + lane] += factor * by_entry
             if row >= 3:
                 a[by_arm + lane] += direction * by_entry
     at = known(g * LANES)
     for lane in range(LANES):
-        constant = linear * a[(X + 2) * LANES + lane]
-        by_stiffness = linear * a[(X + 3) * LANES + lane] + constant * c[k + DEFORMATION]
+        constant = linear * a[X2 + lane]
+        by_stiffness = linear * a[X3 + lane] + constant * c[k + DEFORMATION]
         for n in range(3):
             direction = c[k + 6 + n]
             by_stiffness += constant * direction * c[k + n]
             a[at + n * LANES + lane] += constant * stiffness * direction
             a[at + (6 + n) * LANES + lane] += constant * stiffness * c[k + n]
-        a[at + 9 * LANES + lane] += scale * by_stiffness
-        a[at + 10 * LANES + lane] += stiffness * constant
-        a[at + 13 * LANES + lane] += c[k + STIFFNESS] * by_stiffness - (1.0 - linear) * a[(X + 2) * LANES + lane]
+        a[at + L9 + lane] += scale * by_stiffness
+        a[at + L10 + lane] += stiffness * constant
+        a[at + L13 + lane] += c[k + STIFFNESS] * by_stiffness - (1.0 - linear) * a[X2 + lane]
 
 
 @njit(**INLINE)
@@ -507,31 +530,33 @@ def body_adjoint(c, inertia, o0, o1, o2, slope, at, row, target, g_row, a):
     j12 = c[inertia + 14]
     j22 = c[inertia + 17]
     for n in range(LANES):
-        v0 = a[row * LANES + n]
-        v1 = a[(row + 1) * LANES + n]
-        v2 = a[(row + 2) * LANES + n]
+        o = row * LANES + n
+        q = target * LANES + n
+        v0 = a[o]
+        v1 = a[o + L1]
+        v2 = a[o + L2]
         b0 = j00 * v0 + j01 * v1 + j02 * v2
         b1 = j01 * v0 + j11 * v1 + j12 * v2
         b2 = j02 * v0 + j12 * v1 + j22 * v2
-        a[row * LANES + n] = b0
-        a[(row + 1) * LANES + n] = b1
-        a[(row + 2) * LANES + n] = b2
+        a[o] = b0
+        a[o + L1] = b1
+        a[o + L2] = b2
         # h = I w enters as -w x h.
         e0 = o1 * b2 - o2 * b1
         e1 = o2 * b0 - o0 * b2
         e2 = o0 * b1 - o1 * b0
-        a[target * LANES + n] += b1 * h2 - b2 * h1 + i00 * e0 + i01 * e1 + i02 * e2
-        a[(target + 1) * LANES + n] += b2 * h0 - b0 * h2 + i01 * e0 + i11 * e1 + i12 * e2
-        a[(target + 2) * LANES + n] += b0 * h1 - b1 * h0 + i02 * e0 + i12 * e1 + i22 * e2
-        a[X * LANES + n] = e0 * o0 - b0 * a0
-        a[(X + 1) * LANES + n] = e0 * o1 - b0 * a1
-        a[(X + 2) * LANES + n] = e0 * o2 - b0 * a2
-        a[(X + 3) * LANES + n] = e1 * o0 - b1 * a0
-        a[(X + 4) * LANES + n] = e1 * o1 - b1 * a1
-        a[(X + 5) * LANES + n] = e1 * o2 - b1 * a2
-        a[(X + 6) * LANES + n] = e2 * o0 - b2 * a0
-        a[(X + 7) * LANES + n] = e2 * o1 - b2 * a1
-        a[(X + 8) * LANES + n] = e2 * o2 - b2 * a2
+        a[q] += b1 * h2 - b2 * h1 + i00 * e0 + i01 * e1 + i02 * e2
+        a[q + L1] += b2 * h0 - b0 * h2 + i01 * e0 + i11 * e1 + i12 * e2
+        a[q + L2] += b0 * h1 - b1 * h0 + i02 * e0 + i12 * e1 + i22 * e2
+        a[X0 + n] = e0 * o0 - b0 * a0
+        a[X1 + n] = e0 * o1 - b0 * a1
+        a[X2 + n] = e0 * o2 - b0 * a2
+        a[X3 + n] = e1 * o0 - b1 * a0
+        a[X4 + n] = e1 * o1 - b1 * a1
+        a[X5 + n] = e1 * o2 - b1 * a2
+        a[X6 + n] = e2 * o0 - b2 * a0
+        a[X7 + n] = e2 * o1 - b2 * a1
+        a[X8 + n] = e2 * o2 - b2 * a2
     add(a, X, g_row, NINE)
 
 
@@ -549,24 +574,25 @@ def torque_adjoint(c, inertia, torque, nx, ny, nz, row, a):
     i12 = c[inertia + 5]
     i22 = c[inertia + 8]
     for n in range(LANES):
-        vx = torque * a[row * LANES + n]
-        vy = torque * a[(row + 1) * LANES + n]
-        vz = torque * a[(row + 2) * LANES + n]
+        o = row * LANES + n
+        vx = torque * a[o]
+        vy = torque * a[o + L1]
+        vz = torque * a[o + L2]
         wx = vy * nz - vz * ny
         wy = vz * nx - vx * nz
         wz = vx * ny - vy * nx
-        a[(X + 9) * LANES + n] = hy * vz - hz * vy + i00 * wx + i01 * wy + i02 * wz
-        a[(X + 10) * LANES + n] = hz * vx - hx * vz + i01 * wx + i11 * wy + i12 * wz
-        a[(X + 11) * LANES + n] = hx * vy - hy * vx + i02 * wx + i12 * wy + i22 * wz
-        a[X * LANES + n] = wx * nx
-        a[(X + 1) * LANES + n] = wx * ny
-        a[(X + 2) * LANES + n] = wx * nz
-        a[(X + 3) * LANES + n] = wy * nx
-        a[(X + 4) * LANES + n] = wy * ny
-        a[(X + 5) * LANES + n] = wy * nz
-        a[(X + 6) * LANES + n] = wz * nx
-        a[(X + 7) * LANES + n] = wz * ny
-        a[(X + 8) * LANES + n] = wz * nz
+        a[X9 + n] = hy * vz - hz * vy + i00 * wx + i01 * wy + i02 * wz
+        a[X10 + n] = hz * vx - hx * vz + i01 * wx + i11 * wy + i12 * wz
+        a[X11 + n] = hx * vy - hy * vx + i02 * wx + i12 * wy + i22 * wz
+        a[X0 + n] = wx * nx
+        a[X1 + n] = wx * ny
+        a[X2 + n] = wx * nz
+        a[X3 + n] = wy * nx
+        a[X4 + n] = wy * ny
+        a[X5 + n] = wy * nz
+        a[X6 + n] = wz * nx
+        a[X7 + n] = wz * ny
+        a[X8 + n] = wz * nz
 
 
 @njit(**KERNEL)
@@ -587,17 +613,17 @@ def gravity_adjoint(t, x, at, r, a, c, marks):
     along = nx * dx + ny * dy + nz * dz
     for n in range(LANES):
         # Differential acceleration: -rate (d - 3 n (n . d)).
-        vx = a[(KB + 3) * LANES + n]
-        vy = a[(KB + 4) * LANES + n]
-        vz = a[(KB + 5) * LANES + n]
+        vx = a[KB3 + n]
+        vy = a[KB4 + n]
+        vz = a[KB5 + n]
         q = nx * vx + ny * vy + nz * vz
-        a[OUT * LANES + n] -= rate * (vx - 3.0 * nx * q)
-        a[(OUT + 1) * LANES + n] -= rate * (vy - 3.0 * ny * q)
-        a[(OUT + 2) * LANES + n] -= rate * (vz - 3.0 * nz * q)
+        a[OUT0 + n] -= rate * (vx - 3.0 * nx * q)
+        a[OUT1 + n] -= rate * (vy - 3.0 * ny * q)
+        a[OUT2 + n] -= rate * (vz - 3.0 * nz * q)
         # The adjoint of n stays in rows X + 12 to X + 14.
-        a[(X + 12) * LANES + n] = 3.0 * rate * (along * vx + q * dx)
-        a[(X + 13) * LANES + n] = 3.0 * rate * (along * vy + q * dy)
-        a[(X + 14) * LANES + n] = 3.0 * rate * (along * vz + q * dz)
+        a[X12 + n] = 3.0 * rate * (along * vx + q * dx)
+        a[X13 + n] = 3.0 * rate * (along * vy + q * dy)
+        a[X14 + n] = 3.0 * rate * (along * vz + q * dz)
     if marks[GRAVITY_LEVEL] == 2:
         torque_adjoint(c, PLATFORM_INERTIA, 3.0 * rate, nx, ny, nz, S + 12, a)
         add(a, X, G_PLATFORM_INERTIA, NINE)
@@ -609,39 +635,39 @@ def gravity_adjoint(t, x, at, r, a, c, marks):
         add(a, X, G_SATELLITE_INERTIA, NINE)
         for n in range(LANES):
             # u = R^T n.
-            gx = a[(X + 9) * LANES + n]
-            gy = a[(X + 10) * LANES + n]
-            gz = a[(X + 11) * LANES + n]
-            a[M * LANES + n] += nx * gx
-            a[(M + 1) * LANES + n] += nx * gy
-            a[(M + 2) * LANES + n] += nx * gz
-            a[(M + 3) * LANES + n] += ny * gx
-            a[(M + 4) * LANES + n] += ny * gy
-            a[(M + 5) * LANES + n] += ny * gz
-            a[(M + 6) * LANES + n] += nz * gx
-            a[(M + 7) * LANES + n] += nz * gy
-            a[(M + 8) * LANES + n] += nz * gz
-            a[(X + 12) * LANES + n] += r00 * gx + r01 * gy + r02 * gz
-            a[(X + 13) * LANES + n] += r10 * gx + r11 * gy + r12 * gz
-            a[(X + 14) * LANES + n] += r20 * gx + r21 * gy + r22 * gz
+            gx = a[X9 + n]
+            gy = a[X10 + n]
+            gz = a[X11 + n]
+            a[M0 + n] += nx * gx
+            a[M1 + n] += nx * gy
+            a[M2 + n] += nx * gz
+            a[M3 + n] += ny * gx
+            a[M4 + n] += ny * gy
+            a[M5 + n] += ny * gz
+            a[M6 + n] += nz * gx
+            a[M7 + n] += nz * gy
+            a[M8 + n] += nz * gz
+            a[X12 + n] += r00 * gx + r01 * gy + r02 * gz
+            a[X13 + n] += r10 * gx + r11 * gy + r12 * gz
+            a[X14 + n] += r20 * gx + r21 * gy + r22 * gz
     # n = C_1^T e: the adjoint of C_1 is e h^T, with e = C_1 n.
     p00, p01, p02, p10, p11, p12, p20, p21, p22 = rotation_matrix_elements(w, u, v, z)
     ex = p00 * nx + p01 * ny + p02 * nz
     ey = p10 * nx + p11 * ny + p12 * nz
     ez = p20 * nx + p21 * ny + p22 * nz
     for n in range(LANES):
-        hx = a[(X + 12) * LANES + n]
-        hy = a[(X + 13) * LANES + n]
-        hz = a[(X + 14) * LANES + n]
-        a[(M + 9) * LANES + n] = ex * hx
-        a[(M + 10) * LANES + n] = ex * hy
-        a[(M + 11) * LANES + n] = ex * hz
-        a[(M + 12) * LANES + n] = ey * hx
-        a[(M + 13) * LANES + n] = ey * hy
-        a[(M + 14) * LANES + n] = ey * hz
-        a[(M + 15) * LANES + n] = ez * hx
-        a[(M + 16) * LANES + n] = ez * hy
-        a[(M + 17) * LANES + n] = ez * hz
+        hx = a[X12 + n]
+        hy = a[X13 + n]
+        hz = a[X14 + n]
+        a[M9 + n] = ex * hx
+        a[M10 + n] = ex * hy
+        a[M11 + n] = ex * hz
+        a[M12 + n] = ey * hx
+        a[M13 + n] = ey * hy
+        a[M14 + n] = ey * hz
+        a[M15 + n] = ez * hx
+        a[M16 + n] = ez * hy
+        a[M17 + n] = ez * hz
     add_rotation_adjoint(a, M + 9, w, u, v, z, OUT + 16)
 
 
@@ -673,50 +699,50 @@ def kinematics_adjoint(x, at, a):
     z3 = x[at + 19]
     for n in range(LANES):
         # d' = w - omega_1 x d; w' = F / mu + gravity - omega_1 x w.
-        a0 = a[KB * LANES + n]
-        a1 = a[(KB + 1) * LANES + n]
-        a2 = a[(KB + 2) * LANES + n]
-        b0 = a[(KB + 3) * LANES + n]
-        b1 = a[(KB + 4) * LANES + n]
-        b2 = a[(KB + 5) * LANES + n]
-        a[OUT * LANES + n] = p1 * a2 - p2 * a1
-        a[(OUT + 1) * LANES + n] = p2 * a0 - p0 * a2
-        a[(OUT + 2) * LANES + n] = p0 * a1 - p1 * a0
-        a[(OUT + 3) * LANES + n] = a0 + p1 * b2 - p2 * b1
-        a[(OUT + 4) * LANES + n] = a1 + p2 * b0 - p0 * b2
-        a[(OUT + 5) * LANES + n] = a2 + p0 * b1 - p1 * b0
+        a0 = a[KB0 + n]
+        a1 = a[KB1 + n]
+        a2 = a[KB2 + n]
+        b0 = a[KB3 + n]
+        b1 = a[KB4 + n]
+        b2 = a[KB5 + n]
+        a[OUT0 + n] = p1 * a2 - p2 * a1
+        a[OUT1 + n] = p2 * a0 - p0 * a2
+        a[OUT2 + n] = p0 * a1 - p1 * a0
+        a[OUT3 + n] = a0 + p1 * b2 - p2 * b1
+        a[OUT4 + n] = a1 + p2 * b0 - p0 * b2
+        a[OUT5 + n] = a2 + p0 * b1 - p1 * b0
         w0 = a1 * d2 - a2 * d1 + b1 * v2 - b2 * v1
         w1 = a2 * d0 - a0 * d2 + b2 * v0 - b0 * v2
         w2 = a0 * d1 - a1 * d0 + b0 * v1 - b1 * v0
         # Q' = (Q (x) [0, omega_2] - [0, omega_1] (x) Q) / 2; q1' = q1 (x) [0, omega_1] / 2.
-        k0 = 0.5 * a[(KB + 12) * LANES + n]
-        k1 = 0.5 * a[(KB + 13) * LANES + n]
-        k2 = 0.5 * a[(KB + 14) * LANES + n]
-        k3 = 0.5 * a[(KB + 15) * LANES + n]
-        a[(OUT + 12) * LANES + n] = k1 * e0 + k2 * e1 + k3 * e2
-        a[(OUT + 13) * LANES + n] = -k0 * e0 - k2 * f2 + k3 * f1
-        a[(OUT + 14) * LANES + n] = -k0 * e1 + k1 * f2 - k3 * f0
-        a[(OUT + 15) * LANES + n] = -k0 * e2 - k1 * f1 + k2 * f0
+        k0 = 0.5 * a[KB12 + n]
+        k1 = 0.5 * a[KB13 + n]
+        k2 = 0.5 * a[KB14 + n]
+        k3 = 0.5 * a[KB15 + n]
+        a[OUT12 + n] = k1 * e0 + k2 * e1 + k3 * e2
+        a[OUT13 + n] = -k0 * e0 - k2 * f2 + k3 * f1
+        a[OUT14 + n] = -k0 * e1 + k1 * f2 - k3 * f0
+        a[OUT15 + n] = -k0 * e2 - k1 * f1 + k2 * f0
         u0 = -k0 * q1 + k1 * q0
         u1 = -k0 * q2 + k2 * q0
         u2 = -k0 * q3 + k3 * q0
         y0 = k2 * q3 - k3 * q2
         y1 = -k1 * q3 + k3 * q1
         y2 = k1 * q2 - k2 * q1
-        k0 = 0.5 * a[(KB + 16) * LANES + n]
-        k1 = 0.5 * a[(KB + 17) * LANES + n]
-        k2 = 0.5 * a[(KB + 18) * LANES + n]
-        k3 = 0.5 * a[(KB + 19) * LANES + n]
-        a[(OUT + 16) * LANES + n] = k1 * p0 + k2 * p1 + k3 * p2
-        a[(OUT + 17) * LANES + n] = -k0 * p0 - k2 * p2 + k3 * p1
-        a[(OUT + 18) * LANES + n] = -k0 * p1 + k1 * p2 - k3 * p0
-        a[(OUT + 19) * LANES + n] = -k0 * p2 - k1 * p1 + k2 * p0
-        a[(OUT + 6) * LANES + n] = w0 - u0 + y0 - k0 * z1 + k1 * z0 + k2 * z3 - k3 * z2
-        a[(OUT + 7) * LANES + n] = w1 - u1 + y1 - k0 * z2 - k1 * z3 + k2 * z0 + k3 * z1
-        a[(OUT + 8) * LANES + n] = w2 - u2 + y2 - k0 * z3 + k1 * z2 - k2 * z1 + k3 * z0
-        a[(OUT + 9) * LANES + n] = u0 + y0
-        a[(OUT + 10) * LANES + n] = u1 + y1
-        a[(OUT + 11) * LANES + n] = u2 + y2
+        k0 = 0.5 * a[KB16 + n]
+        k1 = 0.5 * a[KB17 + n]
+        k2 = 0.5 * a[KB18 + n]
+        k3 = 0.5 * a[KB19 + n]
+        a[OUT16 + n] = k1 * p0 + k2 * p1 + k3 * p2
+        a[OUT17 + n] = -k0 * p0 - k2 * p2 + k3 * p1
+        a[OUT18 + n] = -k0 * p1 + k1 * p2 - k3 * p0
+        a[OUT19 + n] = -k0 * p2 - k1 * p1 + k2 * p0
+        a[OUT6 + n] = w0 - u0 + y0 - k0 * z1 + k1 * z0 + k2 * z3 - k3 * z2
+        a[OUT7 + n] = w1 - u1 + y1 - k0 * z2 - k1 * z3 + k2 * z0 + k3 * z1
+        a[OUT8 + n] = w2 - u2 + y2 - k0 * z3 + k1 * z2 - k2 * z1 + k3 * z0
+        a[OUT9 + n] = u0 + y0
+        a[OUT10 + n] = u1 + y1
+        a[OUT11 + n] = u2 + y2
 
 
 @njit(**KERNEL)
@@ -732,7 +758,7 @@ def derivative_adjoint(t, x, at, row, a, c, marks):
     inverse_mass = c[INVERSE_REDUCED_MASS]
     kinematics_adjoint(x, at, a)
     for n in range(6 * LANES):
-        a[(S + 12) * LANES + n] = a[(KB + 6) * LANES + n]
+        a[S12 + n] = a[KB6 + n]
     body_adjoint(
         c, PLATFORM_INERTIA, x[at + 6], x[at + 7], x[at + 8], x, row + 6, S + 12, OUT + 6, G_PLATFORM_INERTIA, a
     )
@@ -740,35 +766,35 @@ def derivative_adjoint(t, x, at, row, a, c, marks):
         c, SATELLITE_INERTIA, x[at + 9], x[at + 10], x[at + 11], x, row + 9, S + 15, OUT + 9, G_SATELLITE_INERTIA, a
     )
     for n in range(LANES):
-        b0 = a[(KB + 3) * LANES + n]
-        b1 = a[(KB + 4) * LANES + n]
-        b2 = a[(KB + 5) * LANES + n]
-        a[S * LANES + n] = inverse_mass * b0
-        a[(S + 1) * LANES + n] = inverse_mass * b1
-        a[(S + 2) * LANES + n] = inverse_mass * b2
-        a[G * LANES + n] += fx * b0 + fy * b1 + fz * b2
+        b0 = a[KB3 + n]
+        b1 = a[KB4 + n]
+        b2 = a[KB5 + n]
+        a[S0 + n] = inverse_mass * b0
+        a[S1 + n] = inverse_mass * b1
+        a[S2 + n] = inverse_mass * b2
+        a[G0 + n] += fx * b0 + fy * b1 + fz * b2
         # The moment on the platform as it is, that on the satellite turned by R^T.
-        a0 = a[(S + 15) * LANES + n]
-        a1 = a[(S + 16) * LANES + n]
-        a2 = a[(S + 17) * LANES + n]
-        a[(S + 3) * LANES + n] = r00 * a0 + r01 * a1 + r02 * a2
-        a[(S + 4) * LANES + n] = r10 * a0 + r11 * a1 + r12 * a2
-        a[(S + 5) * LANES + n] = r20 * a0 + r21 * a1 + r22 * a2
-        a[(S + 6) * LANES + n] = a[(S + 12) * LANES + n]
-        a[(S + 7) * LANES + n] = a[(S + 13) * LANES + n]
-        a[(S + 8) * LANES + n] = a[(S + 14) * LANES + n]
-        a[(S + 9) * LANES + n] = 0.0
-        a[(S + 10) * LANES + n] = 0.0
-        a[(S + 11) * LANES + n] = 0.0
-        a[M * LANES + n] = sx * a0
-        a[(M + 1) * LANES + n] = sx * a1
-        a[(M + 2) * LANES + n] = sx * a2
-        a[(M + 3) * LANES + n] = sy * a0
-        a[(M + 4) * LANES + n] = sy * a1
-        a[(M + 5) * LANES + n] = sy * a2
-        a[(M + 6) * LANES + n] = sz * a0
-        a[(M + 7) * LANES + n] = sz * a1
-        a[(M + 8) * LANES + n] = sz * a2
+        a0 = a[S15 + n]
+        a1 = a[S16 + n]
+        a2 = a[S17 + n]
+        a[S3 + n] = r00 * a0 + r01 * a1 + r02 * a2
+        a[S4 + n] = r10 * a0 + r11 * a1 + r12 * a2
+        a[S5 + n] = r20 * a0 + r21 * a1 + r22 * a2
+        a[S6 + n] = a[S12 + n]
+        a[S7 + n] = a[S13 + n]
+        a[S8 + n] = a[S14 + n]
+        a[S9 + n] = 0.0
+        a[S10 + n] = 0.0
+        a[S11 + n] = 0.0
+        a[M0 + n] = sx * a0
+        a[M1 + n] = sx * a1
+        a[M2 + n] = sx * a2
+        a[M3 + n] = sy * a0
+        a[M4 + n] = sy * a1
+        a[M5 + n] = sy * a2
+        a[M6 + n] = sz * a0
+        a[M7 + n] = sz * a1
+        a[M8 + n] = sz * a2
     guided = marks[FORCE_LINE] == GUIDED
     if guided and marks[PUSHING] > 0:
         sums_adjoint(x, at, r, a, c)
@@ -791,15 +817,15 @@ def step_adjoint(method, t, x, h, w, c, marks, lam, a):
     for i in range(last, -1, -1):
         b = h * B[method, i]
         for n in range(STATE_SIZE * LANES):
-            a[KB * LANES + n] = b * a[known(lam * LANES) + n]
+            a[KB0 + n] = b * a[known(lam * LANES) + n]
         for later in range(i + 1, last + 1):
             b = h * A[method, later, i]
             if b != 0.0:
                 for n in range(STATE_SIZE * LANES):
-                    a[KB * LANES + n] += b * a[known((YB + later * STATE_SIZE) * LANES) + n]
+                    a[KB0 + n] += b * a[known((YB + later * STATE_SIZE) * LANES) + n]
         derivative_adjoint(t + C[method, i] * h, w, i * STATE_SIZE, K + i * STATE_SIZE, a, c, marks)
         for n in range(STATE_SIZE * LANES):
-            a[known((YB + i * STATE_SIZE) * LANES) + n] = a[OUT * LANES + n]
+            a[known((YB + i * STATE_SIZE) * LANES) + n] = a[OUT0 + n]
     for i in range(last + 1):
         add(a, YB + i * STATE_SIZE, lam, ROWS)
 
@@ -811,6 +837,8 @@ def clearance_adjoint(x, i, lane, kind, c, marks, lam, follow, tail, a):
     That is at its exit, whose time moves, or at a fixed or extremal time. Constants from row `tail`: CG of the
     platform, CG of the satellite, radius, depth, offsets of the planes.
     """
+    o = lam * LANES + lane
+    t = tail * LANES + lane
     point = follow.room
     point_motion(x, c, marks, i, point)
     _, wall = nearest_wall(c, marks, point)
@@ -819,47 +847,48 @@ def clearance_adjoint(x, i, lane, kind, c, marks, lam, follow, tail, a):
         bx = -point[0] / rho
         by = 0.0
         bz = -point[2] / rho
-        a[(tail + 6) * LANES + lane] += 1.0
+        a[t + L6] += 1.0
     else:
         k = marks[PLANES] + PLANE_COLUMNS * (wall - 1)
         bx = c[k]
         by = c[k + 1]
         bz = c[k + 2]
-        a[(tail + 7 + wall) * LANES + lane] -= 1.0
+        a[t + L7 + wall * LANES] -= 1.0
     if kind == AT_EXIT:
         # The exit waits for y = depth.
         drift = (bx * point[3] + by * point[4] + bz * point[5]) / point[4]
         by -= drift
-        a[(tail + 7) * LANES + lane] += drift
-    a[lam * LANES + lane] += bx
-    a[(lam + 1) * LANES + lane] += by
-    a[(lam + 2) * LANES + lane] += bz
-    a[tail * LANES + lane] += bx
-    a[(tail + 1) * LANES + lane] += by
-    a[(tail + 2) * LANES + lane] += bz
+        a[t + L7] += drift
+    a[o] += bx
+    a[o + L1] += by
+    a[o + L2] += bz
+    a[t] += bx
+    a[t + L1] += by
+    a[t + L2] += bz
     r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
     clear(a, M, NINE)
     for j in range(3):
         arm = c[marks[POINTS] + POINT_COLUMNS * i + j] - c[SATELLITE_CG + j]
-        a[(M + j) * LANES + lane] = bx * arm
-        a[(M + 3 + j) * LANES + lane] = by * arm
-        a[(M + 6 + j) * LANES + lane] = bz * arm
-        a[(tail + 3 + j) * LANES + lane] -= r[j] * bx + r[3 + j] * by + r[6 + j] * bz
+        row = j * LANES + lane
+        a[row + M0] = bx * arm
+        a[row + M3] = by * arm
+        a[row + M6] = bz * arm
+        a[t + L3 + j * LANES] -= r[j] * bx + r[3 + j] * by + r[6 + j] * bz
     add_rotation_adjoint(a, M, x[12], x[13], x[14], x[15], lam + 12)
 
 
-@njit(**ONCE)
+@njit(**KERNEL)
 def branch_adjoint(columns, block, index, step, w, c, marks, tape, follow, tail, a):
     """Add, at tape state `index`, the clearances that are reached from there by one step within step `step`."""
     point_number = marks[POINT_NUMBER]
-    closest = int(follow.closest[1])
-    kind = int(follow.closest[2])
+    closest = np.int64(follow.closest[1])
+    kind = np.int64(follow.closest[2])
     for i in range(point_number + 1):
         # Behind the exits of all points stands the smallest clearance, if it was met between the ends of a step.
         if i < point_number:
             wanted = follow.step[i] == step and follow.base[i] == index
         else:
-            wanted = kind == INSIDE and int(follow.closest[3]) == step and index == step
+            wanted = kind == INSIDE and np.int64(follow.closest[3]) == step and index == step
         if not wanted:
             continue
         clear(a, BRANCH, ROWS)
@@ -891,19 +920,19 @@ def event_adjoint(index, event, spring, w, c, marks, tape, a):
     clear(a, X, NINE)
     for n in range(STATE_SIZE):
         for lane in range(LANES):
-            a[(X + 6) * LANES + lane] += a[(LAM + n) * LANES + lane] * w[K + n]
+            a[X6 + lane] += a[(LAM + n) * LANES + lane] * w[K + n]
     k = G_SPRINGS + G_SPRING_SIZE * spring
     if event == PUSH_STARTS:
         # The step's end is the delay itself.
         for lane in range(LANES):
-            speed = a[(X + 6) * LANES + lane]
-            a[(k + 12) * LANES + lane] += a[MU * LANES + lane] + speed
-            a[MU * LANES + lane] = -speed
+            speed = a[X6 + lane]
+            a[(k + 12) * LANES + lane] += a[MU0 + lane] + speed
+            a[MU0 + lane] = -speed
         return
     _, rate, _ = seat_motion(w, START, K, c, marks, spring)
     for lane in range(LANES):
-        bar = -(a[(X + 6) * LANES + lane] + a[MU * LANES + lane]) / rate
-        a[(X + 6) * LANES + lane] = bar
+        bar = -(a[X6 + lane] + a[MU0 + lane]) / rate
+        a[X6 + lane] = bar
         a[(k + 11) * LANES + lane] -= bar
     clear(a, M, NINE)
     r = rotation_matrix_elements(x[12], x[13], x[14], x[15])
@@ -929,7 +958,7 @@ def switch_back(event, spring, w, c, marks, a):
             switch(i, FIRST, c, marks, w)
 
 
-@njit(**ONCE)
+@njit(**KERNEL)
 def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradients):
     """Gradients of the base's columns[block:block + LANES] with respect to all parameters, from a finished run.
 
@@ -944,7 +973,8 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
     for i in range(marks[SPRING_NUMBER]):
         marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE] = 0
     for i in range(marks[POINT_NUMBER]):
-        top = max(top, follow.base[i])
+        if follow.base[i] > top:
+            top = follow.base[i]
     for index in range(top, -1, -1):
         if index == last:
             for lane in range(LANES):
@@ -952,7 +982,7 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
                 if 0 <= column < STATE_SIZE:
                     a[(LAM + column) * LANES + lane] += 1.0
                 elif column == STATE_SIZE:
-                    a[MU * LANES + lane] = 1.0
+                    a[MU0 + lane] = 1.0
         # First what is reached from here within the step that starts here, then within the one that ends here: its
         # event lies between the two.
         for step in range(index, index - 2, -1):
@@ -965,10 +995,10 @@ def adjoint_sweep(columns, block, last, p, w, c, marks, tape, follow, a, gradien
                 event_adjoint(index, tape.event[step], tape.spring[step], w, c, marks, tape, a)
             if tape.h[step] != 0.0:
                 step_adjoint(tape.method[step], tape.t[step], tape.x[step], tape.h[step], w, c, marks, LAM, a)
-    if marks[POINT_NUMBER] > 0 and int(follow.closest[2]) == AT_START:
+    if marks[POINT_NUMBER] > 0 and np.int64(follow.closest[2]) == AT_START:
         for lane in range(LANES):
             if columns[block + lane] == STATE_SIZE + 1:
-                clearance_adjoint(tape.x[0], int(follow.closest[1]), lane, INSIDE, c, marks, LAM, follow, tail, a)
+                clearance_adjoint(tape.x[0], np.int64(follow.closest[1]), lane, INSIDE, c, marks, LAM, follow, tail, a)
     for i in range(marks[SPRING_NUMBER]):
         if marks[SPRING_MARKS + MARK_COLUMNS * i + ACTIVE]:
             collect_sums(i, 1.0, w, c, marks, a)
@@ -995,23 +1025,23 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     oy = p[RATES + 1]
     oz = p[RATES + 2]
     # w = Omega x d + Delta p / mu.
-    w = LAM * LANES + lane
-    wx = a[w + 3 * LANES]
-    wy = a[w + 4 * LANES]
-    wz = a[w + 5 * LANES]
+    w = LAM0 + lane
+    wx = a[w + L3]
+    wy = a[w + L4]
+    wz = a[w + L5]
     dx = a[w] + wy * oz - wz * oy
-    dy = a[w + LANES] + wz * ox - wx * oz
-    dz = a[w + 2 * LANES] + wx * oy - wy * ox
-    a[G * LANES + lane] += wx * ix + wy * iy + wz * iz
+    dy = a[w + L1] + wz * ox - wx * oz
+    dz = a[w + L2] + wx * oy - wy * ox
+    a[G0 + lane] += wx * ix + wy * iy + wz * iz
     # omega_1 = Omega + I_1^-1 (-Delta h + (c_1 - l_0 y) x Delta p).
-    px = a[w + 6 * LANES]
-    py = a[w + 7 * LANES]
-    pz = a[w + 8 * LANES]
+    px = a[w + L6]
+    py = a[w + L7]
+    pz = a[w + L8]
     ax, ay, az = times(c, PLATFORM_INVERSE_INERTIA, px, py, pz)
     # omega_2 = R^T Omega + I_2^-1 R^T h with h = Delta h - u x Delta p, u = R c_2.
-    vx = a[w + 9 * LANES]
-    vy = a[w + 10 * LANES]
-    vz = a[w + 11 * LANES]
+    vx = a[w + L9]
+    vy = a[w + L10]
+    vz = a[w + L11]
     bx, by, bz = times(c, SATELLITE_INVERSE_INERTIA, vx, vy, vz)
     gradient[RATES] = x[1] * wz - x[2] * wy + px + r00 * vx + r01 * vy + r02 * vz
     gradient[RATES + 1] = x[2] * wx - x[0] * wz + py + r10 * vx + r11 * vy + r12 * vz
@@ -1029,16 +1059,16 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     kx = p[ANGULAR_IMPULSE] - uy * iz + uz * iy
     ky = p[ANGULAR_IMPULSE + 1] - uz * ix + ux * iz
     kz = p[ANGULAR_IMPULSE + 2] - ux * iy + uy * ix
-    m = M * LANES + lane
+    m = M0 + lane
     a[m] = ox * vx + kx * bx + qx * p[17]
-    a[m + LANES] = ox * vy + kx * by + qx * p[18]
-    a[m + 2 * LANES] = ox * vz + kx * bz + qx * p[19]
-    a[m + 3 * LANES] = oy * vx + ky * bx + qy * p[17]
-    a[m + 4 * LANES] = oy * vy + ky * by + qy * p[18]
-    a[m + 5 * LANES] = oy * vz + ky * bz + qy * p[19]
-    a[m + 6 * LANES] = oz * vx + kz * bx + qz * p[17]
-    a[m + 7 * LANES] = oz * vy + kz * by + qz * p[18]
-    a[m + 8 * LANES] = oz * vz + kz * bz + qz * p[19]
+    a[m + L1] = ox * vy + kx * by + qx * p[18]
+    a[m + L2] = ox * vz + kx * bz + qx * p[19]
+    a[m + L3] = oy * vx + ky * bx + qy * p[17]
+    a[m + L4] = oy * vy + ky * by + qy * p[18]
+    a[m + L5] = oy * vz + ky * bz + qy * p[19]
+    a[m + L6] = oz * vx + kz * bx + qz * p[17]
+    a[m + L7] = oz * vy + kz * by + qz * p[18]
+    a[m + L8] = oz * vz + kz * bz + qz * p[19]
     gradient[ANGULAR_IMPULSE] = hx - ax
     gradient[ANGULAR_IMPULSE + 1] = hy - ay
     gradient[ANGULAR_IMPULSE + 2] = hz - az
@@ -1052,14 +1082,14 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
     ex = iy * az - iz * ay - dx
     ey = iz * ax - ix * az - dy
     ez = ix * ay - iy * ax - dz
-    a[G_STOWED * LANES + lane] -= ey
+    a[G_STOWED0 + lane] -= ey
     t = tail * LANES + lane
     a[t] += ex
-    a[t + LANES] += ey
-    a[t + 2 * LANES] += ez
-    a[t + 3 * LANES] += r00 * qx + r10 * qy + r20 * qz
-    a[t + 4 * LANES] += r01 * qx + r11 * qy + r21 * qz
-    a[t + 5 * LANES] += r02 * qx + r12 * qy + r22 * qz
+    a[t + L1] += ey
+    a[t + L2] += ez
+    a[t + L3] += r00 * qx + r10 * qy + r20 * qz
+    a[t + L4] += r01 * qx + r11 * qy + r21 * qz
+    a[t + L5] += r02 * qx + r12 * qy + r22 * qz
     # The rates that the impulses gave both bodies, for their inertias.
     k0 = x[9] - (r00 * ox + r10 * oy + r20 * oz)
     k1 = x[10] - (r01 * ox + r11 * oy + r21 * oz)
@@ -1069,18 +1099,21 @@ def initial_adjoint(p, c, x, lane, tail, a, gradient):
         e = ax if j == 0 else ay if j == 1 else az
         q = (G_SATELLITE_INERTIA + 3 * j) * LANES + lane
         a[q] -= b * k0
-        a[q + LANES] -= b * k1
-        a[q + 2 * LANES] -= b * k2
+        a[q + L1] -= b * k1
+        a[q + L2] -= b * k2
         q = (G_PLATFORM_INERTIA + 3 * j) * LANES + lane
         a[q] -= e * (x[6] - ox)
-        a[q + LANES] -= e * (x[7] - oy)
-        a[q + 2 * LANES] -= e * (x[8] - oz)
+        a[q + L1] -= e * (x[7] - oy)
+        a[q + L2] -= e * (x[8] - oz)
 
 
 @njit(**KERNEL)
 def mounting_adjoint(p, lane, a, gradient):
     """From the adjoint of the initial quaternion of the satellite to that of the mounting error, a rotation vector."""
-    square = p[MOUNTING_ERROR] ** 2 + p[MOUNTING_ERROR + 1] ** 2 + p[MOUNTING_ERROR + 2] ** 2
+    u = p[MOUNTING_ERROR]
+    v = p[MOUNTING_ERROR + 1]
+    w = p[MOUNTING_ERROR + 2]
+    square = u * u + v * v + w * w
     scale = 0.5 - square / 48.0
     bend = -1.0 / 24.0 + square / 960.0
     if square > 1e-4:
@@ -1088,11 +1121,7 @@ def mounting_adjoint(p, lane, a, gradient):
         scale = math.sin(0.5 * angle) / angle
         bend = (0.5 * math.cos(0.5 * angle) - scale) / square
     q = (LAM + 12) * LANES + lane
-    along = (
-        a[q + LANES] * p[MOUNTING_ERROR]
-        + a[q + 2 * LANES] * p[MOUNTING_ERROR + 1]
-        + a[q + 3 * LANES] * p[MOUNTING_ERROR + 2]
-    )
+    along = a[q + L1] * u + a[q + L2] * v + a[q + L3] * w
     for j in range(3):
         gradient[MOUNTING_ERROR + j] = scale * a[q + (1 + j) * LANES] + p[MOUNTING_ERROR + j] * (
             bend * along - 0.5 * scale * a[q]
@@ -1103,21 +1132,22 @@ def mounting_adjoint(p, lane, a, gradient):
 def parameter_adjoint(p, marks, lane, tail, a, gradient):
     """From the adjoints of the constants of a run to those of its parameters; see `flight.prepare`."""
     stowed = p[STOWED]
-    g_stowed = a[G_STOWED * LANES + lane]
+    g_stowed = a[G_STOWED0 + lane]
     for body in range(2):
         k = 10 * body
         q = (G_PLATFORM_INERTIA + 9 * body) * LANES + lane
-        gradient[k] = -a[G * LANES + lane] / p[k] ** 2
+        gradient[k] = -a[G0 + lane] / (p[k] * p[k])
         gradient[k + 1] = a[q]
-        gradient[k + 2] = a[q + 4 * LANES]
-        gradient[k + 3] = a[q + 8 * LANES]
-        gradient[k + 4] = a[q + LANES] + a[q + 3 * LANES]
-        gradient[k + 5] = a[q + 2 * LANES] + a[q + 6 * LANES]
-        gradient[k + 6] = a[q + 5 * LANES] + a[q + 7 * LANES]
+        gradient[k + 2] = a[q + L4]
+        gradient[k + 3] = a[q + L8]
+        gradient[k + 4] = a[q + L1] + a[q + L3]
+        gradient[k + 5] = a[q + L2] + a[q + L6]
+        gradient[k + 6] = a[q + L5] + a[q + L7]
         for j in range(3):
             gradient[k + 7 + j] = a[(tail + 3 * body + j) * LANES + lane]
-    gradient[RECESS_RADIUS] = a[(tail + 6) * LANES + lane]
-    gradient[RECESS_DEPTH] = a[(tail + 7) * LANES + lane]
+    t = tail * LANES + lane
+    gradient[RECESS_RADIUS] = a[t + L6]
+    gradient[RECESS_DEPTH] = a[t + L7]
     gradient[FRICTION_COEFFICIENT] = a[G_FRICTION * LANES + lane]
     for i in range(marks[SPRING_NUMBER]):
         k = (G_SPRINGS + G_SPRING_SIZE * i) * LANES + lane
@@ -1128,25 +1158,25 @@ def parameter_adjoint(p, marks, lane, tail, a, gradient):
         cb = math.cos(p[q + 5])
         sb = math.sin(p[q + 5])
         ax = a[k]
-        ay = a[k + LANES]
-        az = a[k + 2 * LANES]
-        bx = a[k + 3 * LANES]
-        by = a[k + 4 * LANES]
-        bz = a[k + 5 * LANES]
-        nx = a[k + 6 * LANES] - stowed * ax
-        ny = a[k + 7 * LANES] - stowed * ay
-        nz = a[k + 8 * LANES] - stowed * az
+        ay = a[k + L1]
+        az = a[k + L2]
+        bx = a[k + L3]
+        by = a[k + L4]
+        bz = a[k + L5]
+        nx = a[k + L6] - stowed * ax
+        ny = a[k + L7] - stowed * ay
+        nz = a[k + L8] - stowed * az
         g_stowed += ax * sb * sa + ay * (1.0 - cb) - az * sb * ca
         gradient[q] = radius * (ca * (az + bz) - sa * (ax + bx)) - sb * (ca * nx + sa * nz)
         gradient[q + 1] = ca * (ax + bx) + sa * (az + bz)
-        gradient[q + 2] = a[k + 9 * LANES]
-        gradient[q + 3] = a[k + 10 * LANES]
+        gradient[q + 2] = a[k + L9]
+        gradient[q + 3] = a[k + L10]
         gradient[q + 4] = 0.0
         by_deformation = marks[SPRING_MARKS + MARK_COLUMNS * i + LAW] == LINEAR and p[q + 3] < p[q + 4]
-        gradient[q + 3 if by_deformation else q + 4] += a[k + 11 * LANES]
+        gradient[q + 3 if by_deformation else q + 4] += a[k + L11]
         gradient[q + 5] = cb * (ca * nz - sa * nx) - sb * ny
-        gradient[q + 6] = a[k + 12 * LANES]
-        gradient[q + 7] = a[k + 13 * LANES]
+        gradient[q + 6] = a[k + L12]
+        gradient[q + 7] = a[k + L13]
         gradient[7] -= ax
         gradient[8] -= ay
         gradient[9] -= az
@@ -1155,4 +1185,4 @@ def parameter_adjoint(p, marks, lane, tail, a, gradient):
         gradient[19] -= bz
     gradient[STOWED] = g_stowed
     for wall in range(marks[PLANE_NUMBER]):
-        gradient[COMMON_SIZE + SPRING_SIZE * marks[SPRING_NUMBER] + wall] = a[(tail + 8 + wall) * LANES + lane]
+        gradient[COMMON_SIZE + SPRING_SIZE * marks[SPRING_NUMBER] + wall] = a[t + L8 + wall * LANES]

@@ -28,7 +28,7 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import PchipInterpolator
 
-from satsep_ot.dynamics.compilation import INLINE, KERNEL, known
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known, larger
 from satsep_ot.dynamics.system import (
     COLUMN,
     DEFORMATION,
@@ -143,7 +143,7 @@ def contact(c, marks, i, qx, qy, qz, mx, my, mz):
     cosine = nx * mx + ny * my + nz * mz
     inverse = 1.0 / cosine
     s = (ex * mx + ey * my + ez * mz) * inverse
-    sine = math.sqrt(max(0.0, 1.0 - cosine * cosine))
+    sine = math.sqrt(larger(0.0, 1.0 - cosine * cosine))
     share = cosine / (cosine + c[GUIDE_FRICTION] * sine)
     return (
         s, mx * inverse, my * inverse, mz * inverse, c[k] + s * nx, c[k + 1] + s * ny, c[k + 2] + s * nz, share,
