@@ -40,6 +40,7 @@ html_theme = "alabaster"
 html_theme_options = {
     "description": "Reliability of small satellite separation with OpenTURNS",
     "page_width": "1280px",
+    "body_max_width": "1000px",
     "font_family": "system-ui, 'Liberation Sans', Arial, sans-serif",
     "sidebar_width": "240px",
     "fixed_sidebar": True,

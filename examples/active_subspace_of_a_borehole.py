@@ -63,4 +63,8 @@ for limit in (120.0, 150.0):
     share = np.mean(sample > limit)
     print(f"P(flow > {limit:.0f} m3/yr): surrogate {law.computeComplementaryCDF(limit):.2e}, Monte Carlo {share:.2e}")
 
-view = otv.View(subspace.drawSufficientSummary())
+graph = subspace.drawSufficientSummary()
+graph.setTitle("Flow through a borehole")
+graph.setXTitle("active variable [standard deviations]")
+graph.setYTitle("flow [m3/yr]")
+view = otv.View(graph)

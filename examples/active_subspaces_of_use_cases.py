@@ -46,4 +46,8 @@ for name, (model, distribution) in cases.items():
 
 # %%
 # The water height against its one active variable, with the polynomial's band of prediction.
-view = otv.View(results["flood, water height"][0].drawSufficientSummary())
+graph = results["flood, water height"][0].drawSufficientSummary()
+graph.setTitle("Flood")
+graph.setXTitle("active variable [standard deviations]")
+graph.setYTitle("water height [m]")
+view = otv.View(graph)

@@ -11,6 +11,7 @@ the velocity is measured.
 """
 
 import openturns as ot
+import openturns.viewer as otv
 
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -70,3 +71,18 @@ for label, weights in combinations.items():
     true_value = sum(w * t for w, t in zip(weights, true, strict=True))
     found[label] = (true_value, mean_value, variance**0.5)
     print(f"{label:6}: true {true_value:7.0f} N/m, found {mean_value:7.0f} +- {variance**0.5:.0f}")
+
+# %%
+# What the measurements say of one spring alone.
+graph = ot.Graph("Spring 1", "stiffness [N/m]", "probability density [1/(N/m)]", True, "upper left")
+for label, law, style in (
+    ("before", ot.Normal(5500.0, 55.0), "dashed"),
+    ("after", posterior.getMarginal(0), "solid"),
+):
+    curve = law.drawPDF(5300.0, 5700.0, 401).getDrawable(0)
+    curve.setLegend(label)
+    curve.setColor("black")
+    curve.setLineStyle(style)
+    graph.add(curve)
+graph.add(ot.Cloud([[true[0], 0.0]], "black", "fcircle", "true"))
+view = otv.View(graph)

@@ -8,6 +8,7 @@ nothing else changes.
 """
 
 import openturns as ot
+import openturns.viewer as otv
 
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.model.separation_function import SeparationFunction
@@ -52,3 +53,12 @@ for label, law in (
         f"{label:11} P(axial velocity < 0.590 m/s) = {probabilities[label].getProbabilityEstimate():.2e}, "
         f"95 % interval {interval.getLowerBound()[0]:.2e} to {interval.getUpperBound()[0]:.2e}"
     )
+
+# %%
+# Two springs of a pair: low stiffnesses come together, which is what makes a slow separation more probable.
+pairs = distribution.getMarginal([0, 1]).getSample(1000)
+graph = ot.Graph(
+    "Springs 1 and 2, Clayton copula", "stiffness of spring 1 [N/m]", "stiffness of spring 2 [N/m]", True, ""
+)
+graph.add(ot.Cloud(pairs, "black", "fcircle"))
+view = otv.View(graph)

@@ -672,7 +672,10 @@ class ActiveSubspaceReliabilityResult:
             No failure was seen, or the estimate is by subset simulation.
         """
         rows = sorted(self.computeImportance(level), key=lambda row: -row.share)[:number][::-1]
-        graph = ot.Graph("Inputs in failure", "standard deviations of the input", "", True, "lower right")
+        vertical = "inputs, the most important at the top"
+        graph = ot.Graph("Inputs in failure", "standard deviations of the input", vertical, True, "lower right")
+        # The heights are no numbers.
+        graph.setTickLocation(ot.GraphImplementation.TICKX)
         heights = np.arange(1.0, len(rows) + 1.0)
         for color, style, offset, name, values in (
             (
@@ -701,7 +704,7 @@ class ActiveSubspaceReliabilityResult:
             text.setColor("black")
             text.setTextSize(1.1)
             graph.add(text)
-        _addRoom(graph, below=0.25)
+        _addRoom(graph, below=0.25, above=0.05)
         return graph
 
 
