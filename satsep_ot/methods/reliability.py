@@ -29,7 +29,7 @@ __all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
 _MODES = ("fast", "safe")
 # Stop needs this many true failures and blocks beside the target coefficient of variation. More are planned: to stop
 # where failures happened to be many, and to go on where they happened to be few, would bias the estimate.
-_MINIMUM_FAILURES, _PLANNED_FAILURES = 60, 80
+_MINIMUM_FAILURES, _PLANNED_FAILURES = 60, 100
 _MINIMUM_BLOCKS = 3
 # Refits cost time: they come after this share of new runs.
 _REFIT_SHARE = 0.25

@@ -1,6 +1,7 @@
 """Polynomial ridge approximation by variable projection: f(u) ~ p(W^T u), W and p fitted together."""
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -17,6 +18,7 @@ STARTING_POINTS = 600
 SCREENING_STEPS = 4
 # Points for each unknown that are enough to tell good starts from bad ones.
 SCREENING_RATIO = 3
+SMALL_BASIS = 100
 
 
 @dataclasses.dataclass
@@ -96,6 +98,13 @@ def starting_directions(points, values, dimension, weights=None):
     return [linalg.qr(candidate, mode="economic")[0] for candidate in candidates]
 
 
+@functools.lru_cache(maxsize=64)
+def _basis(dimension, degree):
+    """The Hermite basis of a ridge and its derivative matrices: small ones dense, for sparse products take longer."""
+    basis = PolynomialBasis(dimension, degree)
+    return basis, [matrix.toarray() if basis.size <= SMALL_BASIS else matrix for matrix in basis.derivatives]
+
+
 class _VariableProjection:
     """Loss, gradient and Gauss-Newton matrix on the Grassmann manifold (Hokanson and Constantine 2018).
 
@@ -104,7 +113,7 @@ class _VariableProjection:
     """
 
     def __init__(self, points, values, dimension, degree, weights):
-        self.basis = PolynomialBasis(dimension, degree)
+        self.basis, self.derivatives = _basis(dimension, degree)
         self.points = points
         self.values = values
         self.scale = None if weights is None else np.sqrt(weights)
@@ -114,7 +123,7 @@ class _VariableProjection:
         """Residual sum of squares, and what the linearisation needs."""
         design = self.basis.evaluate(self.points @ directions)
         weighted = design if self.scale is None else design * self.scale
-        rows, triangle, *_ = linalg.qr(weighted.T, mode="economic", check_finite=False)
+        rows, triangle = np.linalg.qr(weighted.T)
         projected = rows.T @ self.target
         residual = self.target - rows @ projected
         return float((residual**2).sum()), (design, rows, triangle, projected, residual)
@@ -123,7 +132,7 @@ class _VariableProjection:
         """Basis (d, d - r) of the tangent space, half gradient and Gauss-Newton matrix in it."""
         design, rows, triangle, projected, residual = state
         dimension = directions.shape[1]
-        complement = linalg.qr(directions)[0][:, dimension:]
+        complement = np.linalg.qr(directions, mode="complete")[0][:, dimension:]
         moved = self.points @ complement
         if self.scale is not None:
             moved = moved * self.scale[:, None]
@@ -135,12 +144,12 @@ class _VariableProjection:
         gradient = np.zeros(size)
         matrix = np.zeros((size, size))
         for output in range(self.target.shape[1]):
-            slopes = [self.basis.derivative_coefficients(coefficients[:, output], j) @ design for j in range(dimension)]
+            slopes = [coefficients[:, output] @ derivative @ design for derivative in self.derivatives]
             first = -np.hstack([moved * slope[:, None] for slope in slopes])
             correlation = design @ (moved * residual[:, output, None])
             second = -linalg.solve_triangular(
                 triangle,
-                np.hstack([self.basis.derivatives[j] @ correlation for j in range(dimension)]),
+                np.hstack([derivative @ correlation for derivative in self.derivatives]),
                 trans="T",
                 check_finite=False,
             )
@@ -174,7 +183,7 @@ class _VariableProjection:
                     damping = max(8.0 * damping, 1e-10)
                     continue
                 move = complement @ step.reshape(directions.shape[1], -1).T
-                trial = linalg.qr(directions + move, mode="economic")[0]
+                trial = np.linalg.qr(directions + move)[0]
                 trial_loss, trial_state = self.loss(trial)
                 length = linalg.norm(step)
                 promised = -step @ gradient
@@ -305,7 +314,7 @@ def fit_ridge(
 def _finish(directions, points, values, degree, weights, varying, converged, iterations):
     """The fit on the final subspace, its axes ordered by how much the polynomial varies along them."""
     dimension = directions.shape[1]
-    basis = PolynomialBasis(dimension, degree)
+    basis, _ = _basis(dimension, degree)
     polynomial = fit_polynomial(basis, points @ directions, values, weights, allow_deficient=True)
     weight = np.ones(len(points)) if weights is None else weights
     if dimension:
