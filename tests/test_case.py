@@ -75,9 +75,11 @@ def test_a_case_is_found_by_name_by_path_and_as_itself(tmp_path):
 
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(
-        CaseError, match=r"there is no such file, and no case of that name in the package \(.*reference"
+        CaseError, match=r"there is no such file, and no case of that name in the package \(.*reference.*\)"
     ):
         load_case("nothing")
+    with pytest.raises(CaseError, match=r"; did you mean 'reference'\?$"):
+        load_case("referense")
     with pytest.raises(CaseError, match="cannot be read"):
         load_case(tmp_path)
     path = tmp_path / "binary.toml"

@@ -192,6 +192,7 @@ def load_case(source: str | os.PathLike | Case = "reference") -> Case:
         shipped = ", ".join(shipped_cases())
         raise CaseError(
             f"{path}: there is no such file, and no case of that name in the package ({shipped})"
+            f"{did_you_mean(str(path), shipped_cases())}"
         ) from error
     except UnicodeDecodeError as error:
         raise CaseError(f"{path}: the file is not UTF-8 text, as TOML must be") from error
