@@ -2,19 +2,23 @@
 
 import argparse
 import json
+import shlex
 import sys
-import tempfile
 import threading
 from contextlib import contextmanager
 from pathlib import Path
 
 from satsep_ot import __version__
+from satsep_ot.interruption import INTERRUPTED, end, last_words, listen
 
 METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 _EXIT_CODES = (
     "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input,\n"
     "  3 a requirement is not met (study with --fail-unless-met), 130 interrupted"
 )
+
+
+_INTERRUPTED = "interrupted; what was finished is kept in {}: the same command with --resume continues from there"
 
 
 def main(arguments=None) -> int:
@@ -38,10 +42,22 @@ def main(arguments=None) -> int:
     2
     """
     options = _parser().parse_args(arguments)
+    options.typed = shlex.join(["satsep-ot", *(sys.argv[1:] if arguments is None else arguments)])
+    if arguments is not None:
+        return _perform(options)
+    # This process is ours.
+    listen()
+    code = _perform(options)
+    if code == INTERRUPTED:
+        end()
+    return code
+
+
+def _perform(options):
     try:
         return options.command(options) or 0
     except KeyboardInterrupt:
-        return _fail("interrupted", 130)
+        return _fail("interrupted", INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output (head, less) has left: nothing remains to be said.
         sys.stderr.close()
@@ -53,8 +69,9 @@ def main(arguments=None) -> int:
         # Our own errors say in one sentence what is wrong; anything else is a defect and keeps its traceback.
         from satsep_ot.model.case import CaseError
         from satsep_ot.model.separation_function import SeparationError
+        from satsep_ot.studies.results_directory import DirectoryError
 
-        if isinstance(error, CaseError):
+        if isinstance(error, (CaseError, DirectoryError)):
             return _fail(error, 2)
         if isinstance(error, SeparationError):
             return _fail(error, 1)
@@ -131,6 +148,7 @@ def _parser():
         "estimate the probability of violating each requirement, by several methods",
         "  satsep-ot study\n"
         "  satsep-ot study mine.toml --output results --seed 7\n"
+        "  satsep-ot study mine.toml --output results --seed 7 --resume     after an interruption\n"
         "  satsep-ot study mine.toml --methods ActiveSubspace MonteCarlo",
     )
     study.add_argument("case", nargs="?", default="reference", metavar="CASE.toml", help=case_help)
@@ -141,6 +159,7 @@ def _parser():
         metavar="DIR",
         help="where to write (default: satsep-study)",
     )
+    _add_directory_options(study)
     study.add_argument("--seed", type=_seed, default=0, metavar="N", help="seed of the random generator (default: 0)")
     study.add_argument(
         "--methods", nargs="+", choices=METHODS, default=list(METHODS), metavar="METHOD",
@@ -185,8 +204,9 @@ def _parser():
     benchmark.add_argument("--seed", type=_seed, default=0, metavar="N", help="of the first repetition (default: 0)")
     benchmark.add_argument(
         "--output", type=Path, default=Path("satsep-benchmark"), metavar="DIR",
-        help="where to write, and to continue from (default: satsep-benchmark)",
+        help="where to write (default: satsep-benchmark)",
     )  # fmt: skip
+    _add_directory_options(benchmark)
     benchmark.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
     report = command(
@@ -197,6 +217,17 @@ def _parser():
     )
     report.add_argument("directory", type=Path, metavar="RESULTS_DIR", help="what `satsep-ot study --output` wrote")
     return parser
+
+
+def _add_directory_options(command):
+    group = command.add_mutually_exclusive_group()
+    group.add_argument(
+        "--resume", action="store_true",
+        help="continue from what is finished in DIR, to the result of an uninterrupted run; begin where nothing is",
+    )  # fmt: skip
+    group.add_argument(
+        "--overwrite", action="store_true", help="remove the results in DIR, of this or another case, and begin anew"
+    )
 
 
 def _positive(text):
@@ -248,9 +279,12 @@ def _new(options):
     import re
 
     from satsep_ot.model.case import load_case, shipped_cases
+    from satsep_ot.model.inputs import did_you_mean
 
-    if options.like not in shipped_cases():
-        return _fail(f"{options.like} is no case of the package; there are {', '.join(shipped_cases())}", 2)
+    known = shipped_cases()
+    if options.like not in known:
+        hint = did_you_mean(options.like, known)
+        return _fail(f"{options.like} is no case of the package; there are {', '.join(known)}{hint}", 2)
     text = load_case(options.like).text
     try:
         # "x" leaves no moment in which a file that appears meanwhile could be lost.
@@ -412,8 +446,6 @@ def _study(options):
 
     # A case that cannot be used is refused before the study's libraries are loaded.
     case = load_uncertain_case(options.case)
-    if options.output.exists() and not options.output.is_dir():
-        return _fail(f"{options.output} is not a directory; give another --output", 2)
     from satsep_ot.methods.standard_space import StandardSpace
     from satsep_ot.model.separation_problem import SeparationProblem
     from satsep_ot.studies.separation_study import SeparationStudy
@@ -423,23 +455,25 @@ def _study(options):
         StandardSpace(problem.getDistribution())
     except ValueError as error:
         return _fail(f"{case.name}: {error}", 2)
-    # A directory that cannot be written to is refused before the work, not after it.
-    options.output.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=options.output):
-        pass
     study = SeparationStudy(problem, options.methods, options.seed, options.runs, toleranceSize=options.tolerances)
+    # A directory that cannot be written to is refused before the work, not after it.
+    study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
+
+    def keep():
+        study.saveRows()
+        return _fail(_INTERRUPTED.format(options.output), INTERRUPTED)
+
     try:
-        with _progress() as show:
+        with last_words(keep), _progress() as show:
             study.setProgressCallback(show)
             study.run()
             show("figures and report", 0.95)
-            paths = study.save(options.output)
+            paths = study.save()
             show("done", 1.0)
     except KeyboardInterrupt:
-        if not study.getRows():
-            return _fail("interrupted; no probability was finished, nothing is kept", 130)
-        path = study.saveRows(options.output)
-        return _fail(f"interrupted; the probabilities finished so far are kept in {path}", 130)
+        return keep()
+    finally:
+        study.close()
     verdicts = study.getVerdicts()
     if options.json:
         print((options.output / "results.json").read_text(encoding="utf-8"), end="")
@@ -489,26 +523,34 @@ def _report(options):
 
 def _benchmark(options):
     from satsep_ot.methods.reliability_benchmark import ReliabilityBenchmark
-    from satsep_ot.studies.method_benchmark import benchmark_tasks, save_benchmark
+    from satsep_ot.studies.method_benchmark import benchmark_tasks, open_benchmark_directory
 
-    if options.output.exists() and not options.output.is_dir():
-        return _fail(f"{options.output} is not a directory; give another --output", 2)
     try:
         tasks = benchmark_tasks(options.problems)
         benchmark = ReliabilityBenchmark(tasks, options.methods, options.repetitions, options.seed)
     except ValueError as error:
         return _fail(error, 2)
-    options.output.mkdir(parents=True, exist_ok=True)
+    directory = open_benchmark_directory(options.output, options.resume, options.overwrite, options.typed)
     benchmark.setFile(options.output / "runs.jsonl")
-    interrupted = False
-    with _progress() as show:
-        benchmark.setProgressCallback(show)
-        try:
+
+    def finish(code=0):
+        _print_benchmark(benchmark.getResult(), options, drawn=not code)
+        directory.close()
+        return code and _fail(_INTERRUPTED.format(options.output), code)
+
+    try:
+        with last_words(lambda: _fail(_INTERRUPTED.format(options.output), INTERRUPTED)), _progress() as show:
+            benchmark.setProgressCallback(show)
             benchmark.run()
-        except KeyboardInterrupt:
-            interrupted = True
-    result = benchmark.getResult()
-    paths = save_benchmark(result, options.output)
+    except KeyboardInterrupt:
+        return finish(INTERRUPTED)
+    return finish()
+
+
+def _print_benchmark(result, options, drawn):
+    from satsep_ot.studies.method_benchmark import save_benchmark
+
+    paths = save_benchmark(result, options.output, drawn)
     if options.json:
         print(json.dumps(result.getTable(), indent=2, allow_nan=False))
     else:
@@ -517,7 +559,6 @@ def _benchmark(options):
         if any(row.verdict == "open" for row in result.getRows()):
             print("open: the repetitions are too few to call the method right or wrong there")
         print(f"written to {options.output}: {', '.join(path.name for path in paths)}, runs.jsonl")
-    return _fail("interrupted; the same command continues", 130) if interrupted else 0
 
 
 @contextmanager
@@ -549,7 +590,9 @@ def _progress():
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        yield lambda label, share: bar.update(task, description=label, completed=share)
+        # A bar that is left hides the cursor.
+        with last_words(bar.stop):
+            yield lambda label, share: bar.update(task, description=label, completed=share)
 
 
 def _study_table(name, rows):

@@ -195,7 +195,7 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
         "gradients", "seconds", "converged", "note",
     ]  # fmt: skip
     assert {path.name for path in output.iterdir()} == {
-        "results.json", "motion.json", "case.toml", "figures", "report.html",
+        "results.json", "motion.json", "case.toml", "figures", "report.html", "origin.json", "runs", "steps",
     }  # fmt: skip
     figures = {figure["file"] for figure in results["figures"]}
     assert {path.name for path in (output / "figures").iterdir()} == figures
@@ -245,11 +245,19 @@ def test_interrupted_study_stops_and_says_what_it_kept(tmp_path, monkeypatch, ca
     arguments = ["study", small(tmp_path, ROLLING), "--output", str(output), "--runs", "1000", "--methods"]
     assert cli.main([*arguments, "FORM", "MonteCarlo"]) == 130
     said = capsys.readouterr().err.splitlines()[-1]
-    assert said == f"satsep-ot: interrupted; the probabilities finished so far are kept in {output / 'results.json'}"
+    kept = f"what was finished is kept in {output}: the same command with --resume continues from there"
+    assert said == f"satsep-ot: interrupted; {kept}"
     results = json.loads((output / "results.json").read_text(encoding="utf-8"))
     assert results["complete"] is False
     assert [(row["requirement"], row["method"]) for row in results["rows"]] == [("rolling", "FORM")]
     assert cli.main(["report", str(output)]) == 2
+    # What was finished is not made again.
+    monkeypatch.undo()
+    monkeypatch.setattr(SeparationStudy, "_runSample", None)
+    assert cli.main([*arguments, "FORM", "MonteCarlo", "--resume"]) == 0
+    results = json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert results["complete"] is True
+    assert len(results["rows"]) == 4
 
 
 def test_ctrl_c_stops_the_program_within_a_second(tmp_path):
@@ -267,7 +275,7 @@ def test_ctrl_c_stops_the_program_within_a_second(tmp_path):
         taken = time.perf_counter() - start
         _, errors = process.communicate(timeout=20)
     assert process.returncode == 130
-    assert said == "satsep-ot: interrupted; no probability was finished, nothing is kept\n"
+    assert said.startswith(f"satsep-ot: interrupted; what was finished is kept in {tmp_path / 'out'}: ")
     assert errors == ""
     assert taken < 1.0
 

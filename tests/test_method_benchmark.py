@@ -59,12 +59,14 @@ def test_the_command_prints_a_table_writes_files_and_continues(tmp_path, capsys)
     assert "open: the repetitions are too few" in captured.out
     assert "RP107: FORM" in captured.err
     assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "benchmark.csv", "benchmark.json", "benchmark.md", "cost.png", "errors.png", "runs.jsonl",
+        "benchmark.csv", "benchmark.json", "benchmark.md", "cost.png", "errors.png", "origin.json", "runs.jsonl",
     ]  # fmt: skip
     assert matplotlib.image.imread(tmp_path / "cost.png").min() < 0.5
     runs = (tmp_path / "runs.jsonl").read_text(encoding="utf-8")
     assert len(runs.splitlines()) == 4
-    assert main([*arguments, "--json"]) == 0
+    assert main(arguments) == 2
+    assert "holds this benchmark already: --resume continues" in capsys.readouterr().err
+    assert main([*arguments, "--resume", "--json"]) == 0
     assert (tmp_path / "runs.jsonl").read_text(encoding="utf-8") == runs
     table = json.loads(capsys.readouterr().out)
     assert [row["method"] for row in table] == ["FORM", "ActiveLineSampling"]
@@ -86,10 +88,14 @@ def test_an_interruption_shows_what_there_is_and_the_command_continues(tmp_path,
         assert main(arguments) == 130
     captured = capsys.readouterr()
     assert captured.out.splitlines()[1].split()[:2] == ["RP107", "FORM"]
-    assert "interrupted; the same command continues" in captured.err
+    assert f"interrupted; what was finished is kept in {tmp_path}: the same command with --resume" in captured.err
     assert len(json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))) == 1
-    assert main([*arguments, "--json"]) == 0
+    assert main([*arguments, "--resume", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["repetitions"] == 3
+    # Begun anew, with another method.
+    assert main([*arguments[:4], "SORM", *arguments[5:], "--overwrite", "--json"]) == 0
+    assert [row["method"] for row in json.loads(capsys.readouterr().out)] == ["SORM"]
+    assert len((tmp_path / "runs.jsonl").read_text(encoding="utf-8").splitlines()) == 3
 
 
 def test_files_are_written_whole_or_not_at_all(tmp_path):

@@ -15,7 +15,7 @@ SIZE = 20_000
 @pytest.fixture(scope="module")
 def study():
     study = SeparationStudy(
-        SeparationProblem("reference"), ["ActiveSubspace", "FORM", "MonteCarlo"], 3, SIZE, 100, toleranceSize=0
+        SeparationProblem("reference"), ["ActiveSubspace", "FORM", "MonteCarlo"], 5, SIZE, 100, toleranceSize=0
     )
     study.run()
     return study
@@ -56,7 +56,8 @@ def test_components_are_ridges(study):
 def test_results_are_saved_whole_and_can_be_read_again(study, tmp_path):
     paths = study.save(tmp_path / "new" / "study")
     assert all(path.stat().st_size > 0 for path in paths)
-    assert sorted(path for path in (tmp_path / "new" / "study").rglob("*") if path.is_file()) == sorted(paths)
+    written = {path for path in (tmp_path / "new" / "study").rglob("*") if path.is_file()}
+    assert {path.name for path in written - set(paths)} == {"origin.json", "case.toml"}
     results = json.loads(paths[0].read_text(encoding="utf-8"))
     again = json.loads(json.dumps(study.getResults()))
     assert {key: results[key] for key in again if key != "finished"} == {
@@ -66,7 +67,7 @@ def test_results_are_saved_whole_and_can_be_read_again(study, tmp_path):
 
 
 def test_a_row_does_not_depend_on_the_other_methods(study):
-    alone = SeparationStudy(SeparationProblem("reference"), ["ActiveSubspace"], 3, sampleSize=1)
+    alone = SeparationStudy(SeparationProblem("reference"), ["ActiveSubspace"], 5, sampleSize=1)
     row = alone._runMethod("spin", "ActiveSubspace")
     assert row.probability == rows(study, "spin")["ActiveSubspace"]["probability"]
 

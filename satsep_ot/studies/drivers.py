@@ -205,9 +205,9 @@ def scaled_case(case, tolerance, scale):
     names = {row.name for row in tolerances(case).get(tolerance, ())}
     if not names:
         raise ValueError(f"'{tolerance}' is no tolerance of this case; it has {', '.join(tolerances(case))}")
-    return dataclasses.replace(
-        case, inputs=tuple(row.scaled(scale) if row.name in names else row for row in case.inputs)
-    )
+    # It is not what the case file says any more.
+    inputs = tuple(row.scaled(scale) if row.name in names else row for row in case.inputs)
+    return dataclasses.replace(case, inputs=inputs, text="", files={})
 
 
 def changed_probability(case, requirement, target=0.1, maximum=2000):

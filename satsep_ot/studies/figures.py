@@ -81,18 +81,20 @@ def _panels(count, columns=None, size=PANEL_SIZE):
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
 
 
-def save_figure(figure, path):
-    """Write a figure; the ending of the path names the format (png, svg, pdf).
+def save_figure(figure, path, form=None):
+    """Write a figure.
 
     Parameters
     ----------
     figure : :class:`matplotlib.figure.Figure`
-    path : str or path
+    path : str, path or binary stream
+    form : str, optional
+        "png", "svg" or "pdf"; by default what the path ends on.
     """
     # Names inside an SVG follow from its content, and nothing in it from the day: the same study, the same file.
     with matplotlib.rc_context({"svg.hashsalt": "satsep-ot"}):
-        metadata = {"Date": None} if str(path).endswith(".svg") else None
-        figure.savefig(path, dpi=DOTS_PER_INCH, metadata=metadata)
+        metadata = {"Date": None} if form == "svg" or str(path).endswith(".svg") else None
+        figure.savefig(path, dpi=DOTS_PER_INCH, metadata=metadata, format=form)
 
 
 # Active subspaces. --------------------------------------------------------------------------------------------------

@@ -130,7 +130,7 @@ def open_benchmark_directory(path, resume=False, overwrite=False, command=""):
     )
 
 
-def save_benchmark(result, directory):
+def save_benchmark(result, directory, drawn=True):
     """Write the tables as Markdown, CSV and JSON and the graphs as PNG, each file whole or not at all.
 
     Parameters
@@ -138,6 +138,8 @@ def save_benchmark(result, directory):
     result : :class:`satsep_ot.methods.reliability_benchmark.ReliabilityBenchmarkResult`
     directory : path
         Exists.
+    drawn : bool
+        Whether to draw the graphs too, which takes a second.
 
     Returns
     -------
@@ -148,10 +150,12 @@ def save_benchmark(result, directory):
         "benchmark.csv": result.toCSV().encode(),
         "benchmark.json": f"{json.dumps(result.getTable(), indent=2, allow_nan=False)}\n".encode(),
     }
-    height = max(2.0 + 0.35 * len({row.problem for row in result.getRows()}), 4.5)
-    graphs = {"cost.png": (result.drawCost(), height), "errors.png": (result.drawErrors(), 6.0)}
     directory = Path(directory)
     paths = [writeWhole(directory / name, lambda stream, text=text: stream.write(text)) for name, text in texts.items()]
+    if not drawn:
+        return paths
+    height = max(2.0 + 0.35 * len({row.problem for row in result.getRows()}), 4.5)
+    graphs = {"cost.png": (result.drawCost(), height), "errors.png": (result.drawErrors(), 6.0)}
     for name, (graph, size) in graphs.items():
         if not graph.getDrawables():
             continue

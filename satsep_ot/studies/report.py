@@ -2,7 +2,6 @@
 
 import base64
 import json
-import os
 import re
 from importlib import resources
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import jinja2
 import markupsafe
 
+from satsep_ot.methods.result_storage import writeWhole
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.studies.verdicts import (
     MET,
@@ -89,15 +89,8 @@ def write_report(directory):
     ReportError
         As for `render_report`.
     """
-    text = render_report(directory)
-    path = Path(directory) / "report.html"
-    temporary = path.with_name(f".report.{os.getpid()}.html")
-    try:
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return path
+    text = render_report(directory).encode()
+    return writeWhole(Path(directory) / "report.html", lambda stream: stream.write(text))
 
 
 def _read(path):

@@ -4,13 +4,13 @@ This is the study of Hu et al. (2017): propagate the uncertainties through a pol
 estimate the failure probability, here corrected by true runs and held against the methods of OpenTURNS.
 """
 
+import contextlib
 import dataclasses
 import datetime
 import json
-import os
 import platform
+import tempfile
 import time
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
@@ -21,16 +21,29 @@ from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.methods.active_dimension import energy_dimension
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
+from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
-from satsep_ot.methods.reliability_result import clopperPearson
+from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
+from satsep_ot.methods.result_storage import toXML, writeWhole
+from satsep_ot.methods.true_runs import TrueRuns
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.studies import drivers, figures
 from satsep_ot.studies.animation import animation_data
 from satsep_ot.studies.report import write_report
+from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
+from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
 from satsep_ot.studies.verdicts import best_row, judge
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
+# What a study writes, beside the case and its tables.
+_WRITTEN = ("results.json", "motion.json", "report.html", "figures/*", "runs/*", "steps/*")
+# Runs of the sample that densities are drawn from, and as many runs of the surrogates.
+_DRAWN = 200_000
+# The outputs of so many runs of the sample are kept in a file: about 100 bytes a run.
+_LARGEST_SAMPLE_FILE = 10_000_000
+# An interrupt is seen between two chunks: they take a fraction of a second.
+_CHUNK = 4096
 
 # What FORM and SORM cannot see, by the quantity of a requirement.
 _BLIND_SPOTS = {
@@ -103,8 +116,9 @@ class SeparationStudy:
         self._toleranceSize = int(toleranceSize)
         self._names = [*problem.getRequirementNames(), SYSTEM]
         self._progress = lambda label, share: None
-        self._sample = None
-        self._sampleSeconds = 0.0
+        self._directory = None
+        self._executor = None
+        self._sample, self._summary = None, None
         self._components = {}
         self._rows = []
         self._results = {}
@@ -122,6 +136,58 @@ class SeparationStudy:
         """Called with what is being done and the share of the whole study that is done, from 0 to 1."""
         self._progress = callback
 
+    def setDirectory(self, directory, resume=False, overwrite=False, command=""):
+        """Keep every finished step, and the true runs, in a directory from the start on.
+
+        An interrupted study is continued by the same study with `resume`: each step's random numbers follow from the
+        seed and the step's name alone, so that the numbers are those of a study that was not interrupted.
+
+        Parameters
+        ----------
+        directory : str or path
+            Made where it does not exist.
+        resume : bool
+            Continue from what is finished there; begin where there is nothing.
+        overwrite : bool
+            Remove the study that is there, this one or another, and begin anew.
+        command : str
+            What the user has typed, for `origin.json`.
+
+        Raises
+        ------
+        DirectoryError
+            The directory holds other files, or another study: of another case, with other settings, another seed or
+            other versions of the packages; or this one, and neither `resume` nor `overwrite` is given.
+        """
+        case = self._problem.getCase()
+        if "case.toml" in case.files:
+            raise DirectoryError("a force-stroke table is called case.toml, as the case in the directory; rename it")
+        identity = {
+            "case": digest(dataclasses.replace(case, text="", files={}), self._problem.getDistribution()),
+            "seed": self._seed,
+            "runs": self._sampleSize,
+            "gradients": self._gradientSize,
+            "tolerances": self._toleranceSize,
+            "methods": self._methods,
+            "versions": package_versions(),
+        }
+        self._directory = ResultsDirectory(
+            directory, "study", identity, _WRITTEN, {"case.toml": case.text, **case.files}, resume, overwrite,
+            {"case": case.name, "command": command},
+        )  # fmt: skip
+
+    def setExecutor(self, executor):
+        """What runs the Monte Carlo sample, as for :class:`satsep_ot.methods.monte_carlo_stream.MonteCarloStream`.
+
+        The numbers do not depend on it. None (default) for the simulator's own threads.
+        """
+        self._executor = executor
+
+    def close(self):
+        """Let other processes use the directory."""
+        if self._directory is not None:
+            self._directory.close()
+
     def run(self):
         """The whole chain: sample, subspaces, methods, tolerances, most likely violations."""
         self._complete = False
@@ -137,27 +203,86 @@ class SeparationStudy:
         digits = np.frombuffer("/".join(names).encode(), dtype=np.uint8)
         ot.RandomGenerator.SetSeed(int(np.random.SeedSequence([self._seed, *digits]).generate_state(1)[0] >> 1))
 
+    def _step(self, names, compute):
+        """What a step gives, from the directory where it is finished there, otherwise computed and kept."""
+        kept = None if self._directory is None else self._directory.finished(*names)
+        if kept is None:
+            kept = compute()
+            if self._directory is not None:
+                self._directory.keep(names, kept)
+        return kept
+
+    def _keepRuns(self, names, makeRuns):
+        if self._directory is not None:
+            makeRuns().save(self._directory.file("runs", names, ".npz"))
+
     # The steps. -------------------------------------------------------------------------------------------------------
 
     def computeSample(self):
         """Run the Monte Carlo sample; it gives the distributions of the quantities, and a row for each requirement."""
+        with contextlib.ExitStack() as stack:
+            if self._directory is None:
+                folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+            else:
+                folder = self._directory.folder("runs")
+            path = folder / "sample.npy"
+            self._summary = self._step(["sample"], lambda: self._runSample(path))
+            if path.exists():
+                self._sample = np.array(np.load(path, mmap_mode="r", allow_pickle=False)[:_DRAWN])
+            else:
+                distribution = self._problem.getDistribution()
+                size = min(_DRAWN, self._sampleSize)
+                inputs = sample_inputs(distribution, self._summary["seed"], self._sampleSize, size)
+                self._sample = SeparationFunction(self._problem.getCase()).evaluate(inputs)
+
+    def _runSample(self, path):
+        """Make the runs, with the outputs in a file, and say what they gave."""
         self._progress("compiling the simulator, once", 0.0)
         model = SeparationFunction(self._problem.getCase())
         distribution = self._problem.getDistribution()
-        self._start("sample")
         model.evaluate([distribution.getMean()])
+        events = {
+            entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit)
+            for entry in self._problem.getRequirements()
+        }
+        stream = MonteCarloStream(model, distribution, self._sampleSize)
+        stream.setEvents(events)
+        stream.setBlockSize(BLOCK)
+        stream.setChunkSize(_CHUNK)
+        stream.setExecutor(self._executor)
+        if self._sampleSize <= _LARGEST_SAMPLE_FILE:
+            stream.setOutputFile(path)
+        checkpoint = None
+        if self._directory is not None:
+            checkpoint = self._directory.file("steps", ["sample"], ".checkpoint")
+            stream.setCheckpointFile(checkpoint)
+        stream.setProgressCallback(
+            lambda percentage: self._progress(f"{self._sampleSize:,} Monte Carlo runs", 0.002 * percentage)
+        )
+        self._progress(f"{self._sampleSize:,} Monte Carlo runs", 0.0)
         begin = time.perf_counter()
-        self._sample = np.empty((self._sampleSize, model.getOutputDimension()))
-        # An interrupt is seen between two chunks: they take a fraction of a second.
-        block, chunk = 50_000, 5_000
-        for start in range(0, self._sampleSize, block):
-            end = min(start + block, self._sampleSize)
-            inputs = np.asarray(distribution.getSample(end - start))
-            for first in range(start, end, chunk):
-                self._progress(f"{self._sampleSize:,} Monte Carlo runs", 0.2 * first / self._sampleSize)
-                last = min(first + chunk, end)
-                self._sample[first:last] = model.evaluate(inputs[first - start : last - start])
-        self._sampleSeconds = time.perf_counter() - begin
+        self._start("sample")
+        # The number that the stream, too, begins with.
+        seed = ot.RandomGenerator.IntegerGenerate(2**31 - 1)
+        self._start("sample")
+        stream.run()
+        result = stream.getResult()
+        if checkpoint is not None:
+            checkpoint.unlink(missing_ok=True)
+        return {
+            "seconds": time.perf_counter() - begin,
+            "size": self._sampleSize,
+            "seed": seed,
+            "first block": inputs_digest(sample_inputs(distribution, seed, self._sampleSize, BLOCK)),
+            "distribution": toXML(distribution),
+            "mean": list(result.getMean()),
+            "deviation": list(result.getStandardDeviation()),
+            "violations": {name: result.getEventNumber(name) for name in events} | {SYSTEM: result.getEventNumber()},
+            "limits": {entry.name: [entry.quantity, entry.is_maximum, entry.limit]
+                       for entry in self._problem.getRequirements()},
+            "outputs": list(model.getOutputDescription()),
+            "inputs": list(model.getInputDescription()),
+        }  # fmt: skip
 
     def computeSubspaces(self):
         """Active subspace and polynomial regression of each smooth component of the requirements."""
@@ -165,18 +290,14 @@ class SeparationStudy:
         function, _, smooth, _ = self._problem.getComponents(None)
         labels = [function.getOutputDescription()[index] for index in smooth]
         names = [label.split(" [")[0] for label in labels]
-        model = SeparationFunction(self._problem.getCase(), quantities=names)
         distribution = self._problem.getDistribution()
-        self._start("subspaces")
-        together = ActiveSubspaceAlgorithm(model, distribution)
-        together.setSamplingSize(self._gradientSize)
-        together.run()
-        found = together.getResult()
-        points, values = np.array(found.getStandardSample()), np.array(found.getOutputSample())
+        found = self._step(["gradients"], lambda: self._runGradients(names, distribution))
+        points, values, gradients = (np.array(found[key]) for key in ("points", "values", "gradients"))
         for column, name in enumerate(names):
             self._progress(f"active subspace and regression of {name}", 0.2 + 0.1 * column / len(names))
+            self._start("subspace", name)
             algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
-                distribution, points, values[:, [column]], found.getGradientSample()[:, :, [column]]
+                distribution, points, values[:, [column]], gradients[:, :, [column]]
             )
             algorithm.run()
             if algorithm.getResult().getDimension() == 0:
@@ -193,31 +314,67 @@ class SeparationStudy:
             regression.run()
             self._components[name] = Component(subspace, active, values[:, column], regression.getResult())
 
+    def _runGradients(self, names, distribution):
+        model = SeparationFunction(self._problem.getCase(), quantities=names)
+        self._start("subspaces")
+        algorithm = ActiveSubspaceAlgorithm(model, distribution)
+        algorithm.setSamplingSize(self._gradientSize)
+        algorithm.run()
+        found = algorithm.getResult()
+        points, values = np.array(found.getStandardSample()), np.array(found.getOutputSample())
+        inputs = np.array(distribution.getInverseIsoProbabilisticTransformation()(ot.Sample(points)))
+        labels = model.getInputDescription(), model.getOutputDescription()
+        self._keepRuns(
+            ["gradients"],
+            lambda: TrueRuns.ofSample(
+                inputs, values, np.zeros(len(inputs), dtype=bool), *labels, phase="gradients", weight=np.nan
+            ),
+        )
+        arrays = {"points": points, "values": values, "gradients": found.getGradientSample()}
+        return {name: array.tolist() for name, array in arrays.items()}
+
     def compareMethods(self):
         """Run the methods on each requirement."""
+        if self._summary is None and "MonteCarlo" in self._methods:
+            self.computeSample()
         self._rows, self._results = [], {}
         self._tolerances, self._tightened, self._violations = {}, {}, {}
         for index, requirement in enumerate(self._names):
             for place, name in enumerate(self._methods):
                 done = (index + place / len(self._methods)) / len(self._names)
                 self._progress(f"{requirement}: {name}", 0.3 + 0.35 * done)
-                row = self._runMethod(requirement, name)
-                self._rows.append({"requirement": requirement, **dataclasses.asdict(row)})
+                names = [requirement, name]
+                row = self._step(names, lambda names=names: dataclasses.asdict(self._runMethod(*names)))
+                self._rows.append({"requirement": requirement, **row})
+                path = None if self._directory is None else self._directory.file("steps", names, ".npz")
+                if path is not None and path.exists() and row["probability"] is not None:
+                    # The same after an interruption; and without the surrogates, which take memory.
+                    self._results[requirement] = ActiveSubspaceReliabilityResult.load(path, self._event(requirement))
+
+    def _event(self, requirement):
+        return self._problem.getSystemEvent() if requirement == SYSTEM else self._problem.getEvent(requirement)
 
     def _runMethod(self, requirement, name):
-        arguments = () if requirement == SYSTEM else (requirement,)
-        event = self._problem.getEvent(*arguments) if arguments else self._problem.getSystemEvent()
-        method = _SharedSample(self._violated(requirement)) if name == "MonteCarlo" else METHODS[name]()
+        components = self._problem.getComponents(*([] if requirement == SYSTEM else [requirement]))
+        method = METHODS[name]()
+        if name == "MonteCarlo":
+            method = _SharedSample(self._summary["violations"][requirement], self._sampleSize)
         self._start(requirement, name)
-        comparison = ReliabilityComparison(event, [method])
-        comparison.setComponents(*self._problem.getComponents(*arguments))
+        comparison = ReliabilityComparison(self._event(requirement), [method])
+        comparison.setComponents(*components)
         comparison.run()
         row = comparison.getResult().getRows()[0]
         if name == "MonteCarlo":
-            row.seconds = self._sampleSeconds
+            row.seconds = self._summary["seconds"]
         elif name == "ActiveSubspace" and row.probability is not None:
             self._results[requirement] = method.getLastResult()
+            self._keepResult([requirement, name], method.getLastResult(), components[0])
         return row
+
+    def _keepResult(self, names, result, function):
+        if self._directory is not None:
+            result.save(self._directory.file("steps", names, ".npz"))
+        self._keepRuns(names, lambda: result.getTrueRuns(function.getOutputDescription()))
 
     def computeTolerances(self):
         """Tighten the tolerances that drive each requirement.
@@ -242,41 +399,45 @@ class SeparationStudy:
             for place, name in enumerate(chosen):
                 done = (index + place / len(chosen)) / (len(self._names) - 1)
                 self._progress(f"{requirement}: half the scatter of {name}", 0.65 + 0.27 * done)
-                self._start(requirement, "half", name)
-                result = drivers.changed_probability(drivers.scaled_case(case, name, 0.5), requirement)
-                interval = result.getConfidenceInterval(0.95)
-                self._tolerances[requirement].append(
-                    {
-                        "tolerance": name,
-                        "scale": 0.5,
-                        "probability": result.getProbabilityEstimate(),
-                        "lower95": interval.getLowerBound()[0],
-                        "upper95": interval.getUpperBound()[0],
-                        "evaluations": result.getEvaluationNumber(),
-                        "converged": result.getConverged(),
-                    }
-                )
+                row = self._step([requirement, "half", name], lambda names=(requirement, name): self._halve(*names))
+                self._tolerances[requirement].append(row)
+
+    def _halve(self, requirement, name):
+        """The row of a requirement with half the scatter of one tolerance."""
+        self._start(requirement, "half", name)
+        case = drivers.scaled_case(self._problem.getCase(), name, 0.5)
+        result = drivers.changed_probability(case, requirement)
+        function = self._problem.getComponents(requirement)[0]
+        self._keepRuns([requirement, "half", name], lambda: result.getTrueRuns(function.getOutputDescription()))
+        interval = result.getConfidenceInterval(0.95)
+        return {
+            "tolerance": name,
+            "scale": 0.5,
+            "probability": result.getProbabilityEstimate(),
+            "lower95": interval.getLowerBound()[0],
+            "upper95": interval.getUpperBound()[0],
+            "evaluations": result.getEvaluationNumber(),
+            "converged": result.getConverged(),
+        }
 
     def computeViolations(self):
         """The most likely violation of each requirement."""
         for requirement in self._problem.getRequirementNames():
             self._progress(f"{requirement}: most likely violation", 0.93)
-            result = self._results.get(requirement)
-            sample = None if result is None else result.getInputSample()
-            violation = drivers.most_likely_violation(self._problem, requirement, sample)
-            if violation is not None:
-                self._violations[requirement] = violation
+            found = self._step([requirement, "violation"], lambda name=requirement: self._findViolation(name))
+            if found:
+                self._violations[requirement] = drivers.Violation(
+                    np.array(found["inputs"]), np.array(found["standard"]), found["distance"]
+                )
 
-    def _violated(self, requirement):
-        """Whether each run of the sample violates the requirement."""
-        if self._sample is None:
-            self.computeSample()
-        columns = list(quantity_table(self._problem.getCase().separation))
-        violated = np.zeros(len(self._sample), dtype=bool)
-        for entry in self._problem.getRequirements():
-            if requirement in (entry.name, SYSTEM):
-                violated |= ~entry.is_met(self._sample[:, columns.index(entry.quantity)])
-        return violated
+    def _findViolation(self, requirement):
+        self._start(requirement, "violation")
+        result = self._results.get(requirement)
+        sample = None if result is None else result.getInputSample()
+        violation = drivers.most_likely_violation(self._problem, requirement, sample)
+        if violation is None:
+            return {}
+        return {name: np.asarray(value).tolist() for name, value in dataclasses.asdict(violation).items()}
 
     # What came out. ---------------------------------------------------------------------------------------------------
 
@@ -370,10 +531,7 @@ class SeparationStudy:
             "seed": self._seed,
             "complete": self._complete,
             "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-            "versions": {
-                **{name: metadata.version(name) for name in ("satsep-ot", "openturns", "numpy", "scipy", "numba")},
-                "python": platform.python_version(),
-            },
+            "versions": {**package_versions(), "python": platform.python_version()},
             "sizes": {
                 "sample": self._sampleSize,
                 "gradients": self._gradientSize,
@@ -419,10 +577,9 @@ class SeparationStudy:
 
     def _moments(self, column):
         """Mean and standard deviation of a quantity in the sample, where there is one."""
-        if self._sample is None:
+        if self._summary is None:
             return {}
-        values = self._sample[:, column]
-        return {"mean": float(values.mean()), "deviation": float(values.std())}
+        return {"mean": self._summary["mean"][column], "deviation": self._summary["deviation"][column]}
 
     def _violationData(self, violation):
         case = self._problem.getCase()
@@ -485,57 +642,69 @@ class SeparationStudy:
             "Every quantity is that of the last release unless its description says otherwise.",
         ]
 
-    def save(self, directory):
+    def save(self, directory=None):
         """Write report.html and what it is made of: results.json, motion.json, case.toml and figures.
 
         Each file appears whole or not at all.
 
         Parameters
         ----------
-        directory : str or path
-            Made where it does not exist.
+        directory : str or path, optional
+            Made where it does not exist; one that holds other files or another study is refused. By default that of
+            `setDirectory`, which keeps the steps and the true runs too.
 
         Returns
         -------
         paths : list of :class:`pathlib.Path`
+            results.json first, report.html last.
+
+        Raises
+        ------
+        DirectoryError
+            As by `setDirectory`.
         """
-        directory = Path(directory)
-        (directory / "figures").mkdir(parents=True, exist_ok=True)
+        self._takeDirectory(directory)
         results, paths = self.getResults(), []
         results["figures"] = []
         for section, name, text, figure in self._panels():
-            path = directory / "figures" / f"{section}-{name}.svg".replace(" ", "_").replace("/", "_")
-            paths.append(_write_whole(path, lambda path, figure=figure: figures.save_figure(figure, path)))
+            path = self._directory.folder("figures") / (file_stem([section, name]) + ".svg")
+            paths.append(writeWhole(path, lambda stream, figure=figure: figures.save_figure(figure, stream, "svg")))
             results["figures"].append({"section": section, "name": name, "text": text, "file": path.name})
         case = self._problem.getCase()
         runs = {"nominal": case.separation.parameters()}
         for name, violation in self._violations.items():
             runs[name] = drivers.run_parameters(case, violation.inputs)
-        for name, text in (
-            ("case.toml", case.text),
-            ("motion.json", json.dumps(animation_data(case.separation, runs), allow_nan=False) + "\n"),
-            ("results.json", json.dumps(results, indent=2, allow_nan=False) + "\n"),
-        ):
-            paths.append(
-                _write_whole(directory / name, lambda path, text=text: path.write_text(text, encoding="utf-8"))
-            )
-        return [*paths[::-1], write_report(directory)]
+        motion = json.dumps(animation_data(case.separation, runs), allow_nan=False) + "\n"
+        paths.append(self._directory.writeText("motion.json", motion))
+        paths.append(self._writeResults(results))
+        return [*paths[::-1], write_report(self._directory.path)]
 
-    def saveRows(self, directory):
-        """Write results.json alone, with the rows that are finished so far.
+    def saveRows(self, directory=None):
+        """Write results.json alone, with the rows that are finished so far and nothing that takes time.
 
         Parameters
         ----------
-        directory : str or path
+        directory : str or path, optional
+            As for `save`.
 
         Returns
         -------
         path : :class:`pathlib.Path`
         """
-        directory = Path(directory)
-        directory.mkdir(parents=True, exist_ok=True)
-        text = json.dumps(self.getResults(), indent=2, allow_nan=False) + "\n"
-        return _write_whole(directory / "results.json", lambda path: path.write_text(text, encoding="utf-8"))
+        self._takeDirectory(directory)
+        return self._writeResults(
+            {"case": self._problem.getCase().name, "seed": self._seed, "complete": False, "rows": self.getRows()}
+        )
+
+    def _takeDirectory(self, directory):
+        if self._directory is None and directory is None:
+            raise ValueError("there is no directory to write to; give one, or call setDirectory() before run()")
+        if directory is not None and (self._directory is None or self._directory.path != Path(directory)):
+            self.close()
+            self.setDirectory(directory)
+
+    def _writeResults(self, results):
+        return self._directory.writeText("results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
 
     def _panels(self):
         """(section, name, text alternative, figure) of each panel of the report."""
@@ -592,7 +761,7 @@ class SeparationStudy:
     def _densities(self, units):
         """Arguments of `draw_density` for each requirement's quantity, then for the other quantities of interest."""
         columns = list(units)
-        law = {name: figures.sample_density(values) for name, values in self._surrogateSample(200_000).items()}
+        law = {name: figures.sample_density(values) for name, values in self._surrogateSample(_DRAWN).items()}
         densities, drawn = {}, set()
         for entry in self._problem.getRequirements():
             best = best_row(self._rowsOf(entry.name))
@@ -600,7 +769,7 @@ class SeparationStudy:
             label = f"{entry.quantity} ({entry.name})" if entry.quantity in drawn else entry.quantity
             drawn.add(entry.quantity)
             densities[label] = {
-                "sample": self._sample[:200_000, columns.index(entry.quantity)],
+                "sample": self._sample[:, columns.index(entry.quantity)],
                 "density": law.get(entry.quantity),
                 "unit": units[entry.quantity],
                 "limit": entry.limit,
@@ -608,7 +777,7 @@ class SeparationStudy:
                 "probability": best["probability"] if best else None,
             }
         for name in columns:
-            values = self._sample[:200_000, columns.index(name)]
+            values = self._sample[:, columns.index(name)]
             # The clearances of single points are parts of the clearance; a quantity that does not vary has no density.
             if (
                 name not in drawn
@@ -621,11 +790,17 @@ class SeparationStudy:
     def _surrogateSample(self, size):
         """Components and quantities of the requirements by the surrogates alone, from one sample of standard space."""
         self._start("surrogate")
-        points = np.asarray(ot.Normal(self._problem.getDistribution().getDimension()).getSample(size))
-        predictions = {}
-        for name, part in self._components.items():
-            active = points @ np.array(part.subspace.getDirections())
-            predictions[name] = np.asarray(part.regression.getMetaModel()(ot.Sample(active)))[:, 0]
+        normal = ot.Normal(self._problem.getDistribution().getDimension())
+        active = {name: [] for name in self._components}
+        # In parts: the points of all inputs at once would be the largest array of the study.
+        for start in range(0, size, 20_000):
+            points = np.asarray(normal.getSample(min(20_000, size - start)))
+            for name, part in self._components.items():
+                active[name].append(points @ np.array(part.subspace.getDirections()))
+        predictions = {
+            name: np.asarray(part.regression.getMetaModel()(ot.Sample(np.concatenate(active[name]))))[:, 0]
+            for name, part in self._components.items()
+        }
         law = dict(predictions)
         for entry in self._problem.getRequirements():
             function, _, smooth, composition = self._problem.getComponents(entry)
@@ -637,30 +812,18 @@ class SeparationStudy:
         return law
 
 
-def _write_whole(path, write):
-    """Let `write` make a temporary file and give it its name when it is complete; returns the path."""
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
-    try:
-        write(temporary)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
-    return path
-
-
 class _SharedSample(ReliabilityMethod):
     """Monte Carlo on a sample that is there already."""
 
     name = "MonteCarlo"
 
-    def __init__(self, violated):
-        self._violated = violated
+    def __init__(self, violations, size):
+        self._violations, self._size = violations, size
 
     def run(self, problem):
-        size, failures = len(self._violated), int(np.count_nonzero(self._violated))
-        problem.counter.evaluations += size
-        share = failures / size
-        lower, upper = clopperPearson(failures, size)
-        variation = float(np.sqrt((1.0 - share) / failures)) if failures else None
-        note = f"{failures} violations; all requirements share these runs"
+        problem.counter.evaluations += self._size
+        share = self._violations / self._size
+        lower, upper = clopperPearson(self._violations, self._size)
+        variation = float(np.sqrt((1.0 - share) / self._violations)) if self._violations else None
+        note = f"{self._violations} violations; all requirements share these runs"
         return Row(self.name, share, lower, upper, variation, converged=True, note=note)

@@ -1,0 +1,158 @@
+"""The true runs that a study has kept in its directory, loaded again."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import openturns as ot
+
+from satsep_ot.methods.result_storage import fromXML
+from satsep_ot.methods.true_runs import TrueRuns
+
+# Runs of the Monte Carlo sample that are drawn from one seed.
+BLOCK = 1024
+SAMPLE = "sample"
+
+
+def list_runs(directory):
+    """What there is to load.
+
+    Parameters
+    ----------
+    directory : str or path
+        Of a study, finished or not.
+
+    Returns
+    -------
+    names : list of str
+        "sample", the Monte Carlo runs that all requirements share; "gradients", those of the active subspaces; and the
+        runs of each method for each requirement, such as "spin--ActiveSubspace".
+
+    Raises
+    ------
+    ValueError
+        It is no directory of a study.
+    """
+    directory = Path(directory)
+    if not (directory / "origin.json").exists():
+        raise ValueError(f"{directory} is not the directory of a study: it has no origin.json")
+    return sorted(
+        [path.stem for path in (directory / "runs").glob("*.npz") if not path.name.startswith(".")]
+        + [SAMPLE] * (directory / "runs" / f"{SAMPLE}.npy").exists()
+    )
+
+
+def load_runs(directory, name, size=None):
+    """True runs of a study: inputs, outputs, weights, and what each run was made for.
+
+    Parameters
+    ----------
+    directory : str or path
+    name : str
+        One of `list_runs`.
+    size : int, optional
+        Load only the first runs. By default all.
+
+    Returns
+    -------
+    runs : :class:`satsep_ot.methods.true_runs.TrueRuns`
+        The event of the sample is that any requirement is violated.
+
+    Raises
+    ------
+    ValueError
+        There are no such runs, or the inputs of the sample, which are drawn again from its seed, are not those of the
+        study here: another version of OpenTURNS, or another machine, may round them otherwise.
+
+    Notes
+    -----
+    Nothing in the files is executed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from satsep_ot.model.separation_problem import SeparationProblem
+    >>> from satsep_ot.studies.separation_study import SeparationStudy
+    >>> from satsep_ot.studies.study_runs import list_runs, load_runs
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     study = SeparationStudy(SeparationProblem("reference"), ["MonteCarlo"], sampleSize=2000)
+    ...     study.setDirectory(directory)
+    ...     study.computeSample()
+    ...     names, runs = list_runs(directory), load_runs(directory, "sample")
+    >>> names, len(runs), runs.getInputSample().getDescription()[0]
+    (['sample'], 2000, 'satellite_mass [kg]')
+    """
+    names = list_runs(directory)
+    if name not in names:
+        raise ValueError(f"there are no runs called {name!r} in {directory}; there are {', '.join(names) or 'none'}")
+    directory = Path(directory)
+    if name == SAMPLE:
+        return _load_sample(directory, size)
+    return _first(TrueRuns.load(directory / "runs" / f"{name}.npz"), size)
+
+
+def _load_sample(directory, size):
+    path = directory / "steps" / f"{SAMPLE}.json"
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))["result"]
+        distribution = fromXML(summary["distribution"], ot.Distribution())
+        outputs = np.load(directory / "runs" / f"{SAMPLE}.npy", mmap_mode="r", allow_pickle=False)
+        names, total, seed = summary["outputs"], summary["size"], summary["seed"]
+        known = inputs_digest(sample_inputs(distribution, seed, total, BLOCK)) == summary["first block"]
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} cannot be read: {error}") from error
+    if not known:
+        raise ValueError(
+            f"the inputs of the sample of {directory} cannot be drawn again here: another version of OpenTURNS, or "
+            "another machine, rounds otherwise; the outputs are in runs/sample.npy"
+        )
+    size = total if size is None else min(size, total)
+    outputs = np.array(outputs[:size])
+    violated = np.zeros(size, dtype=bool)
+    quantities = [name.split(" [")[0] for name in names]
+    for quantity, is_maximum, limit in summary["limits"].values():
+        values = outputs[:, quantities.index(quantity)]
+        violated |= values > limit if is_maximum else values < limit
+    inputs = sample_inputs(distribution, seed, total, size)
+    return TrueRuns.ofSample(inputs, outputs, violated, summary["inputs"], names)
+
+
+def _first(runs, size):
+    if size is None:
+        return runs
+    arrays = ("inputs", "outputs", "failed", "phases", "weights", "expected")
+    return TrueRuns(
+        *(getattr(runs, name)[:size] for name in arrays), runs.inputNames, runs.outputNames, runs.surrogateProbability
+    )
+
+
+def sample_inputs(distribution, seed, total, size):
+    """The inputs of the first runs of a Monte Carlo sample of a study.
+
+    Parameters
+    ----------
+    distribution : :class:`openturns.Distribution`
+    seed : int
+        Of the first block; the next one has the next number.
+    total, size : int
+        Runs of the whole sample, and how many of them.
+
+    Returns
+    -------
+    inputs : ndarray, shape (size, d)
+    """
+    state = ot.RandomGenerator.GetState()
+    blocks = [np.empty((0, distribution.getDimension()))]
+    try:
+        for first in range(0, min(size, total), BLOCK):
+            ot.RandomGenerator.SetSeed((seed + first // BLOCK) % 2**32)
+            blocks.append(np.array(distribution.getSample(min(BLOCK, total - first))))
+    finally:
+        ot.RandomGenerator.SetState(state)
+    return np.concatenate(blocks)[:size]
+
+
+def inputs_digest(inputs):
+    """SHA-256 of an array's numbers, in hexadecimal digits."""
+    return hashlib.sha256(np.ascontiguousarray(inputs, dtype="<f8").tobytes()).hexdigest()
