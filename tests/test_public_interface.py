@@ -1,8 +1,10 @@
 """What `import satsep_ot` offers, and what it must not do."""
 
+import ast
 import inspect
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -33,3 +35,17 @@ def test_import_loads_nothing_heavy_and_changes_nothing():
         "import satsep_ot.studies.separation_study; assert 'matplotlib.pyplot' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_the_api_page_lists_every_class_that_has_an_example():
+    package = Path(satsep_ot.__file__).parent
+    page = (package.parent / "docs" / "api.rst").read_text(encoding="utf-8").split()
+    classes = set()
+    for path in sorted(package.rglob("*.py")):
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and ">>> " in (ast.get_docstring(node) or ""):
+                module = path.relative_to(package).with_suffix("").as_posix().replace("/", ".")
+                if module not in page:
+                    classes.add(f"{module}.{node.name}")
+    assert classes <= set(page), classes - set(page)
+    assert len(classes) > 40
