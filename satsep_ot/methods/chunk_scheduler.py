@@ -28,7 +28,7 @@ _POLL = 0.2
 _WORKER_POLL = 5.0
 # An executor that hands chunks to its workers ahead of time says that they run before they do: its clock on this side
 # is one for the case that the worker's own, which ends it on time, has stopped with the worker [s].
-_GRACE = 10.0
+_GRACE = 60.0
 # Of an executor that does not say what runs (Dask, which also starts a chunk anew whose worker died), the clock is when
 # a chunk of the run was last finished.
 _SILENT_FACTOR, _SILENT_GRACE = 8.0, 60.0
@@ -463,10 +463,10 @@ def _inThread(function, argument):
 def _inWorker(payload, argument, timeout, parent):
     """The work on a chunk, in a process that is ended if it takes too long; not if it is the one that waits."""
     try:
-        with _deadline(timeout if os.getpid() != parent else None):
-            function = _load(payload)
-            with _oneThread():
-                return function(argument)
+        # A worker's first chunk loads libraries too, which the time of a chunk is not meant for.
+        function = _load(payload)
+        with _deadline(timeout if os.getpid() != parent else None), _oneThread():
+            return function(argument)
     except Exception as error:
         return _Raised.of(error)
 

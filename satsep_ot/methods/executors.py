@@ -90,7 +90,8 @@ def daskExecutor(address: str, timeout: float = 10.0) -> Iterator[Executor]:
         raise ConnectionError(f"{address} is no address of a Dask scheduler, such as tcp://192.168.0.1:8786") from error
     try:
         client = Client(address, timeout=timeout, set_as_default=False)
-    except OSError as error:
+    except Exception as error:
+        # Of many kinds: what another kind of server answers is read as a number of bytes to allocate, for one.
         raise ConnectionError(f"no Dask scheduler answers at {address} within {timeout:g} s ({error})") from error
     with client:
         try:

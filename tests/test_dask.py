@@ -1,0 +1,182 @@
+"""A real Dask cluster of this machine: the same bits, workers killed in the middle, hangs, wrong addresses."""
+
+import logging
+import os
+import signal
+import socket
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import openturns as ot
+import pytest
+from mischief import Twice, die, hang
+
+from satsep_ot.methods.chunk_scheduler import workerNumber
+from satsep_ot.methods.executors import daskExecutor
+from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.parallel_function import FunctionChunkError, ParallelFunction
+from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.separation_problem import SeparationProblem
+
+distributed = pytest.importorskip("distributed")
+pytestmark = pytest.mark.slow
+POINTS = np.arange(200.0)[:, None]
+
+
+def make_cluster(workers=2):
+    return distributed.LocalCluster(
+        n_workers=workers, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def executor():
+    with make_cluster() as cluster, daskExecutor(cluster.scheduler_address) as made:
+        yield made
+
+
+@pytest.fixture
+def victims():
+    """A cluster whose workers may be killed: Dask gives up one that dies again and again while it starts."""
+    with make_cluster() as cluster, daskExecutor(cluster.scheduler_address) as made:
+        yield cluster, made
+
+
+def doubled(folder, deed=die, where=-1.0, times=0):
+    return ot.PythonFunction(1, 1, func_sample=Twice(deed, where, times, folder))
+
+
+def slowly(x):
+    time.sleep(0.02)
+    return [2.0 * x[0]]
+
+
+def worker_processes(cluster):
+    return [nanny.pid for nanny in cluster.workers.values()]
+
+
+def test_bits_of_the_simulator_and_its_gradient(executor):
+    assert workerNumber(executor) == 2
+    model = SeparationFunction("reference")
+    ot.RandomGenerator.SetSeed(5)
+    X = np.array(SeparationProblem("reference").getDistribution().getSample(600))
+    values, gradients = model.evaluate(X), model.computeGradientSample(X[:40])
+    function = ParallelFunction(model, executor)
+    for chunk in (None, 97):
+        function.setChunkSize(chunk)
+        assert np.array_equal(function.evaluate(X), values)
+        assert np.array_equal(function.computeGradientSample(X[:40]), gradients)
+
+
+def test_bits_of_a_stream(executor):
+    found = []
+    for workers in (None, executor):
+        ot.RandomGenerator.SetSeed(0)
+        stream = MonteCarloStream(ot.SymbolicFunction(["a", "b"], ["a + b"]), ot.Normal(2), 50_000)
+        stream.setEvents({"large": (0, ot.Greater(), 3.0)})
+        stream.setExecutor(workers)
+        stream.run()
+        result = stream.getResult()
+        found.append((result.getMean(), result.getStandardDeviation(), result.getEventNumber("large")))
+    assert found[0] == found[1]
+
+
+def test_a_function_of_a_script(executor):
+    """A lambda that holds a number: it goes to the workers by value."""
+    factor = 3.0
+    function = ParallelFunction(ot.PythonFunction(1, 1, lambda x: [factor * x[0]]), executor)
+    assert np.array_equal(function.evaluate(POINTS), 3.0 * POINTS)
+
+
+def test_workers_that_are_killed_in_the_middle(victims):
+    """Both, one after the other, from outside: not a row is lost or wrong."""
+    cluster, executor = victims
+    function = ParallelFunction(ot.PythonFunction(1, 1, slowly), executor)
+    function.setChunkSize(4)
+    done, killed = [], []
+    function.setProgressCallback(done.append)
+
+    def kill():
+        for process, share in zip(worker_processes(cluster), (10.0, 50.0), strict=True):
+            while not done or done[-1] < share:
+                time.sleep(0.01)
+            os.kill(process, signal.SIGKILL)
+            killed.append(process)
+
+    with ThreadPoolExecutor(1) as other:
+        murders = other.submit(kill)
+        assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
+        murders.result()
+    assert len(killed) == 2
+    assert not set(killed) & set(worker_processes(cluster))
+
+
+def test_a_chunk_that_kills_its_workers_is_named(victims, tmp_path):
+    function = ParallelFunction(doubled(tmp_path, die, 150.0, 99), victims[1])
+    function.setChunkSize(10)
+    function.setMaximumAttempts(1)
+    with pytest.raises(FunctionChunkError, match=r"rows 150 to 159 .*its worker was lost \(KilledWorker") as caught:
+        function.evaluate(POINTS)
+    # Dask has tried four times, once for each deed.
+    assert len(list(tmp_path.iterdir())) == 4
+    assert {0, 149} <= set(caught.value.rows.tolist())
+    assert np.array_equal(caught.value.values, 2.0 * POINTS[caught.value.rows])
+
+
+def test_a_worker_that_hangs_is_ended(victims, tmp_path):
+    function = ParallelFunction(doubled(tmp_path, hang, 150.0, 1), victims[1])
+    function.setChunkSize(10)
+    function.setTimeout(1.0)
+    begin = time.monotonic()
+    assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
+    assert time.monotonic() - begin < 90.0
+
+
+def test_the_cluster_is_free_after_an_error(executor):
+    def fail(x):
+        raise ArithmeticError("no")
+
+    function = ParallelFunction(ot.PythonFunction(1, 1, fail), executor)
+    function.setChunkSize(1)
+    with pytest.raises(FunctionChunkError, match=r"RuntimeError: (InternalException : )?no"):
+        function.evaluate(POINTS)
+    for _ in range(100):
+        if not any(executor._client.processing().values()):
+            return
+        time.sleep(0.05)
+    pytest.fail("chunks of the failed run are still computed")
+
+
+def test_an_address_where_nobody_answers():
+    begin = time.monotonic()
+    with pytest.raises(ConnectionError, match=r"no Dask scheduler answers at tcp://127\.0\.0\.1:9 within 1 s"):
+        daskExecutor("tcp://127.0.0.1:9", timeout=1.0).__enter__()
+    assert time.monotonic() - begin < 10.0
+
+
+def test_an_address_where_something_else_answers():
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as other:
+
+        def answer():
+            connection, _ = server.accept()
+            with connection:
+                connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+
+        answered = other.submit(answer)
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        with pytest.raises(ConnectionError, match=f"no Dask scheduler answers at {address} within 2 s"):
+            daskExecutor(address, timeout=2.0).__enter__()
+        answered.result()
+
+
+@pytest.mark.parametrize("address", ["", "nonsense", "nonsense:xx", "tcp://127.0.0.1"])
+def test_what_is_no_address(address):
+    with pytest.raises(ConnectionError, match=f"{address} is no address of a Dask scheduler, such as"):
+        daskExecutor(address, timeout=1.0).__enter__()
+
+
+def test_a_scheduler_without_workers():
+    with make_cluster(0) as cluster, pytest.raises(ConnectionError, match="has no worker after 1 s"):
+        daskExecutor(cluster.scheduler_address, timeout=1.0).__enter__()
