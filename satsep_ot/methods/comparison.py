@@ -65,6 +65,7 @@ class ReliabilityComparison:
         self._components = None
         self._progressCallback = None
         self._rowCallback = None
+        self._runsCallback = None
         self._stopCallback = None
         self._result = None
 
@@ -82,6 +83,10 @@ class ReliabilityComparison:
     def setRowCallback(self, callback: Callable[[Row], None] | None) -> None:
         """Called with the row of each method as soon as it is there."""
         self._rowCallback = callback
+
+    def setRunsCallback(self, callback: Callable[[np.ndarray, np.ndarray], None] | None) -> None:
+        """Called with the inputs (n, d) and outputs (n, p) of every true run, in the order of their making."""
+        self._runsCallback = callback
 
     def setStopCallback(self, callback: Callable[[], bool] | None) -> None:
         """When it returns True the running method ends with what it has, and no other is started."""
@@ -105,7 +110,7 @@ class ReliabilityComparison:
         return self._result
 
     def _runMethod(self, method):
-        counter = Counter()
+        counter = Counter(self._runsCallback)
 
         def report(percentage):
             if self._progressCallback is not None:

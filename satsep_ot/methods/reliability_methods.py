@@ -24,11 +24,18 @@ _ROOT_STEP = 0.9871
 
 
 class Counter:
-    """Numbers of evaluations and gradients, kept outside of the functions that OpenTURNS copies."""
+    """Numbers of evaluations and gradients, kept outside of the functions that OpenTURNS copies.
 
-    def __init__(self):
+    Parameters
+    ----------
+    record : callable, optional
+        Called with the inputs (n, d) and outputs (n, p) of every evaluation.
+    """
+
+    def __init__(self, record: Callable[[np.ndarray, np.ndarray], None] | None = None):
         self.evaluations = 0
         self.gradients = 0
+        self.record = record
 
 
 def hasGradient(function: ot.Function) -> bool:
@@ -67,6 +74,9 @@ def countingFunction(function: ot.Function, counter: Counter, distribution: ot.D
                 f"{np.count_nonzero(~finite)} of {len(values)} values are not finite, the first one is "
                 f"{values[row].tolist()} at input {points[row].tolist()}"
             )
+        if counter.record is not None:
+            # OpenTURNS may use the memory again.
+            counter.record(points.copy(), values.copy())
         return values
 
     def gradient(point):

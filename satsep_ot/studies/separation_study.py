@@ -360,21 +360,23 @@ class SeparationStudy:
         if name == "MonteCarlo":
             method = _SharedSample(self._summary["violations"][requirement], self._sampleSize)
         self._start(requirement, name)
-        comparison = ReliabilityComparison(self._event(requirement), [method])
+        event, parts = self._event(requirement), []
+        comparison = ReliabilityComparison(event, [method])
         comparison.setComponents(*components)
+        if self._directory is not None and name != "ActiveSubspace":
+            comparison.setRunsCallback(lambda inputs, outputs: parts.append((inputs, outputs)))
         comparison.run()
-        row = comparison.getResult().getRows()[0]
+        row, names = comparison.getResult().getRows()[0], [requirement, name]
         if name == "MonteCarlo":
             row.seconds = self._summary["seconds"]
         elif name == "ActiveSubspace" and row.probability is not None:
-            self._results[requirement] = method.getLastResult()
-            self._keepResult([requirement, name], method.getLastResult(), components[0])
+            self._results[requirement] = result = method.getLastResult()
+            if self._directory is not None:
+                result.save(self._directory.file("steps", names, ".npz"))
+            self._keepRuns(names, lambda: result.getTrueRuns(components[0].getOutputDescription()))
+        elif parts:
+            self._keepRuns(names, lambda: _unweighted(name, event, parts))
         return row
-
-    def _keepResult(self, names, result, function):
-        if self._directory is not None:
-            result.save(self._directory.file("steps", names, ".npz"))
-        self._keepRuns(names, lambda: result.getTrueRuns(function.getOutputDescription()))
 
     def computeTolerances(self):
         """Tighten the tolerances that drive each requirement.
@@ -810,6 +812,17 @@ class SeparationStudy:
                     :, 0
                 ]
         return law
+
+
+def _unweighted(phase, event, parts):
+    """Runs of a method that gives its runs no weights."""
+    inputs, outputs = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    happens, threshold = event.getOperator(), event.getThreshold()
+    failed = np.array([happens.compare(value, threshold) for value in outputs[:, 0].tolist()])
+    function = event.getFunction()
+    return TrueRuns.ofSample(
+        inputs, outputs, failed, function.getInputDescription(), function.getOutputDescription(), phase, np.nan
+    )
 
 
 class _SharedSample(ReliabilityMethod):

@@ -1,0 +1,190 @@
+"""The true runs that a study keeps: made again they give the same, and the estimates follow from them."""
+
+import json
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
+from satsep_ot.model.case import SYSTEM, parse_case
+from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies.drivers import scaled_case
+from satsep_ot.studies.results_directory import DirectoryError
+from satsep_ot.studies.separation_study import SeparationStudy
+from satsep_ot.studies.study_runs import BLOCK, list_runs, load_runs
+
+CASE = """
+name = "small"
+[platform]
+mass = 10
+inertia = [1, 1, 1]
+center_of_mass = [0, -100, 0]
+[satellite]
+mass = 1
+inertia = [0.01, 0.01, 0.01]
+center_of_mass = [0, 100, 0]
+[springs]
+count = 2
+radius = 100
+stiffness = 100
+deformation = 20
+stroke = 10
+[inputs]
+mass = { quantity = "satellite.mass", sigma = 0.03 }
+rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
+[[correlation]]
+inputs = ["mass", "rate_y"]
+coefficient = 0.3
+[[requirements]]
+name = "rolling"
+quantity = "spin"
+maximum = 1.0
+"""
+SIZE = 2 * BLOCK + 100
+
+
+def problem():
+    return SeparationProblem(parse_case(CASE))
+
+
+@pytest.fixture(scope="module")
+def directory(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study") / "results"
+    methods = ["ActiveSubspace", "FORM", "SubsetSampling", "MonteCarlo"]
+    study = SeparationStudy(problem(), methods, 3, SIZE, 30, toleranceSize=1)
+    study.setDirectory(path, command="satsep-ot study small.toml")
+    study.run()
+    study.save()
+    study.close()
+    return path
+
+
+@pytest.fixture(scope="module")
+def results(directory):
+    return json.loads((directory / "results.json").read_text(encoding="utf-8"))
+
+
+def row(results, requirement, method):
+    return next(one for one in results["rows"] if (one["requirement"], one["method"]) == (requirement, method))
+
+
+def test_every_true_run_is_there(directory, results):
+    methods = ("ActiveSubspace", "FORM", "SubsetSampling")
+    names = {f"{requirement}--{method}" for requirement in ("rolling", "any-requirement") for method in methods}
+    assert set(list_runs(directory)) == names | {"sample", "gradients", "rolling--half--rate_y"}
+    for requirement, stem in (("rolling", "rolling"), (SYSTEM, "any-requirement")):
+        for method in methods:
+            kept, counted = len(load_runs(directory, f"{stem}--{method}")), row(results, requirement, method)
+            # One run that only compares the components with the event is no part of the estimate.
+            assert 0 <= counted["evaluations"] - kept <= (method == "ActiveSubspace")
+    assert len(load_runs(directory, "sample")) == SIZE
+    assert len(load_runs(directory, "gradients")) == 30
+
+
+@pytest.mark.parametrize(
+    ("name", "case", "of_any"),
+    [
+        ("sample", parse_case(CASE), False),
+        ("gradients", parse_case(CASE), False),
+        ("rolling--ActiveSubspace", parse_case(CASE), False),
+        ("rolling--half--rate_y", scaled_case(parse_case(CASE), "rate_y", 0.5), False),
+        ("rolling--SubsetSampling", parse_case(CASE), True),
+    ],
+)
+def test_runs_that_are_made_again_give_the_same_bits(directory, name, case, of_any):
+    runs = load_runs(directory, name)
+    rows = np.linspace(0, len(runs) - 1, 50).astype(int)
+    again = SeparationProblem(case)
+    function = again.getEvent("rolling").getFunction() if of_any else again.getFunction()
+    labels = list(function.getOutputDescription())
+    columns = [labels.index(label) for label in runs.outputNames]
+    assert list(function.getInputDescription()) == list(runs.inputNames)
+    assert np.array_equal(np.array(function(ot.Sample(runs.inputs[rows])))[:, columns], runs.outputs[rows])
+    assert runs.getInputSample().getDescription()[0] == "mass [kg]"
+    assert runs.getOutputSample()[int(rows[1]), 0] == runs.outputs[rows[1], 0]
+
+
+def test_the_estimates_follow_from_the_weights(directory, results):
+    ours = load_runs(directory, "rolling--ActiveSubspace")
+    assert ours.computeProbability() == pytest.approx(row(results, "rolling", "ActiveSubspace")["probability"], 1e-12)
+    assert np.array_equal(ours.failed, np.abs(ours.outputs[:, 0]) > 1.0)
+    halved = load_runs(directory, "rolling--half--rate_y")
+    assert halved.computeProbability() == pytest.approx(results["tightened"]["rolling"][0]["probability"], rel=1e-12)
+    sample = load_runs(directory, "sample")
+    assert sample.computeProbability() == row(results, SYSTEM, "MonteCarlo")["probability"] > 0.0
+    spin = sample.outputs[:, sample.outputNames.index("spin [deg/s]")]
+    assert sample.computeProbability(spin > 1.0) == row(results, "rolling", "MonteCarlo")["probability"]
+    subset = load_runs(directory, "any-requirement--SubsetSampling")
+    # The margin is 1 at the nominal run, whose spin is 0, and 0 at the limit.
+    assert np.array_equal(subset.failed, subset.outputs[:, 0] < 0.0)
+    with pytest.raises(ValueError, match="has a weight"):
+        subset.computeProbability()
+
+
+def test_some_of_the_runs_are_the_first_ones(directory):
+    whole = load_runs(directory, "sample")
+    for size in (1, BLOCK, BLOCK + 1, SIZE, SIZE + 1):
+        part = load_runs(directory, "sample", size)
+        assert len(part) == min(size, SIZE)
+        assert np.array_equal(part.inputs, whole.inputs[:size])
+        assert np.array_equal(part.outputs, whole.outputs[:size])
+    part, whole = load_runs(directory, "rolling--FORM", 2), load_runs(directory, "rolling--FORM")
+    assert np.array_equal(part.inputs, whole.inputs[:2])
+
+
+def test_whole_results_are_kept_too(directory, results):
+    path = directory / "steps" / "rolling--ActiveSubspace.npz"
+    result = ActiveSubspaceReliabilityResult.load(path, problem().getEvent("rolling"))
+    assert result.getProbabilityEstimate() == row(results, "rolling", "ActiveSubspace")["probability"]
+
+
+def test_the_directory_says_what_it_is(directory, results):
+    origin = json.loads((directory / "origin.json").read_text(encoding="utf-8"))
+    assert origin["kind"] == "study"
+    assert origin["about"] == {"case": "small", "command": "satsep-ot study small.toml"}
+    assert origin["identity"]["seed"] == results["seed"] == 3
+    assert origin["identity"]["versions"].items() <= results["versions"].items()
+    assert (directory / "case.toml").read_text(encoding="utf-8") == CASE
+
+
+def test_what_is_not_there_is_refused(directory, tmp_path):
+    with pytest.raises(ValueError, match="is not the directory of a study"):
+        list_runs(tmp_path)
+    with pytest.raises(ValueError, match=r"there are no runs called 'spin'.*; there are .*gradients"):
+        load_runs(directory, "spin")
+
+
+def test_inputs_that_cannot_be_drawn_again_are_not_made_up(directory, tmp_path):
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "steps").mkdir()
+    for name in ("origin.json", "runs/sample.npy", "steps/sample.json"):
+        (tmp_path / name).write_bytes((directory / name).read_bytes())
+    assert len(load_runs(tmp_path, "sample")) == SIZE
+    path = tmp_path / "steps" / "sample.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["result"]["seed"] += 1
+    path.write_text(json.dumps(content), encoding="utf-8")
+    with pytest.raises(ValueError, match="cannot be drawn again here"):
+        load_runs(tmp_path, "sample")
+
+
+def test_another_case_is_refused_and_the_same_in_other_words_continued(directory):
+    def study(text, seed=3):
+        methods = ["ActiveSubspace", "FORM", "SubsetSampling", "MonteCarlo"]
+        return SeparationStudy(SeparationProblem(parse_case(text)), methods, seed, SIZE, 30, toleranceSize=1)
+
+    for text in (CASE.replace("0.03 }", "0.031 }"), CASE.replace("= 0.3\n", "= 0.31\n"), CASE.replace("1.0", "1.1")):
+        assert text != CASE
+        with pytest.raises(DirectoryError, match="holds another study, of another case"):
+            study(text).setDirectory(directory, resume=True)
+    with pytest.raises(DirectoryError, match="with seed = 3 instead of 4"):
+        study(CASE, 4).setDirectory(directory, resume=True)
+    with pytest.raises(DirectoryError, match="holds this study already"):
+        study(CASE).save(directory)
+    again = study("# The same.\n" + CASE)
+    again.setDirectory(directory, resume=True)
+    again._runSample = again._runMethod = None
+    again.run()
+    assert len(again.getRows()) == 8
+    again.close()
