@@ -6,11 +6,12 @@ import math
 import numpy as np
 import openturns as ot
 import pytest
+from scipy.stats import norm
 
 from satsep_ot.methods import reliability
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
 from satsep_ot.methods.importance_proposal import GaussianMixture, ModeMixture, Pool, fitImportantRegion, paretoShape
-from satsep_ot.methods.limit_state_event import LimitStateEvent
+from satsep_ot.methods.limit_state_event import LimitStateEvent, callFunction
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import clopperPearson
@@ -199,8 +200,24 @@ def test_reported_runs_are_the_calls_of_the_function():
     assert result.getInputSample().getSize() == calls[0]
 
 
-def test_hand_over_to_subset_simulation_without_a_subspace():
-    # Failure in the corners of a 1-norm: no direction is better than another one.
+def test_hand_over_to_subset_simulation_after_few_runs_without_a_subspace():
+    # A sum of waves: no polynomial of few directions shows it.
+    waves = event(lambda u: 4.5 - np.sin(7.0 * u).sum(axis=1), 20)
+    algorithm = ActiveSubspaceReliability(waves)
+    algorithm.setMaximumEvaluations(2500)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getMethod() == "SubsetSimulation"
+    assert "handed over" in result.getReason()
+    assert result.getEvaluationNumber("learning") < 250
+    phase = 2.0 * math.pi * np.random.default_rng(0).random((200_000, 20))
+    truth = np.mean(np.sin(phase).sum(axis=1) >= 4.5)
+    interval = result.getConfidenceInterval(0.99)
+    assert interval.getLowerBound()[0] <= truth <= interval.getUpperBound()[0]
+
+
+def test_a_norm_without_a_subspace_is_known_to_be_known_poorly():
+    # Failure in the corners of a 1-norm: no direction is better than another one, the radius tells a little.
     algorithm = ActiveSubspaceReliability(getBenchmarkProblem("P7").getEvent())
     algorithm.setMaximumEvaluations(3000)
     algorithm.run()
@@ -209,7 +226,7 @@ def test_hand_over_to_subset_simulation_without_a_subspace():
     interval = result.getConfidenceInterval(0.95)
     assert interval.getLowerBound()[0] <= getBenchmarkProblem("P7").getProbability() <= interval.getUpperBound()[0]
     assert not result.getConverged()
-    assert result.getReason()
+    assert result.getCoefficientOfVariation() > 0.1
 
 
 def test_safe_mode_stays_within_the_evaluations():
@@ -560,6 +577,45 @@ def test_subset_simulation_is_right_on_average_and_keeps_its_limit():
     assert abs(ratios.mean() - 1.0) < 4.0 * ratios.std() / math.sqrt(len(ratios))
     # The claimed error is an upper bound.
     assert np.median([estimate.coefficientOfVariation for estimate in estimates]) > 0.8 * ratios.std()
+
+
+def test_errors_of_prediction_grow_where_a_polynomial_extrapolates():
+    generator = np.random.default_rng(0)
+    standardised, constant = [], []
+    for _ in range(30):
+        u = generator.standard_normal((80, 4))
+        truth = u[:, 0] + 0.3 * u[:, 0] ** 2
+        noise = 0.3 * generator.standard_normal(80)
+        surrogate = LimitStateSurrogate(
+            u, (truth + noise)[:, None], lambda v: 4.0 - v[:, 0], np.ones(80), maximumDimension=1
+        )
+        y = surrogate.reduce(np.array([[0.0] * 4, [5.0, 0.0, 0.0, 0.0]]))
+        error = surrogate.predict(y)[:, 0] - [0.0, 12.5] + 0.3 * generator.standard_normal(2)
+        standardised.append(error / surrogate.predictionErrors(y)[:, 0])
+        constant.append(error / surrogate.errors[0])
+    inside, outside = np.sqrt(np.mean(np.square(standardised), axis=0))
+    assert 0.7 < inside < 1.3
+    assert 0.6 < outside < 1.4
+    assert np.sqrt(np.mean(np.square(constant), axis=0))[1] > 1.5
+
+
+def test_a_small_target_takes_as_many_points_of_the_surrogate_as_it_needs():
+    algorithm = ActiveSubspaceReliability(event(lambda u: 3.0 - u[:, 0] - 0.05 * u[:, 1] ** 2))
+    algorithm.setTargetCoefficientOfVariation(0.01)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getConverged()
+    assert result.getCoefficientOfVariation() <= 0.01
+    grid = np.linspace(-8.0, 8.0, 4001)
+    truth = np.sum(norm.sf(3.0 - 0.05 * grid**2) * norm.pdf(grid)) * (grid[1] - grid[0])
+    assert result.getProbabilityEstimate() == pytest.approx(truth, rel=0.03)
+
+
+def test_a_function_is_called_with_the_values_that_it_is_given():
+    function = ot.SymbolicFunction(["a", "b"], ["a - 2 * b", "b"])
+    points = np.arange(12.0).reshape(2, 6).T
+    np.testing.assert_array_equal(callFunction(function, points), points @ [[1.0, 0.0], [-2.0, 1.0]])
+    np.testing.assert_array_equal(callFunction(function, points[::2].astype(int)), callFunction(function, points)[::2])
 
 
 def test_unused_outputs_are_not_modelled():

@@ -35,6 +35,8 @@ _MINIMUM_BLOCKS = 3
 _REFIT_SHARE = 0.25
 # Learning goes on while a block of runs is expected to save more runs than it costs.
 _MAXIMUM_LEARNING_SHARE = 0.4
+# A surrogate that shows no failure after so many of them will not learn to.
+_UNEXPLAINED_FAILURES = 10
 # A polynomial that fails nowhere within six standard deviations has not seen the failures.
 _SMALLEST_PROBABILITY = 1e-10
 # Above this shape of their largest values the mean and variance of the corrections are not to be trusted.
@@ -291,7 +293,7 @@ class ActiveSubspaceReliability:
             exhausted = self._used() + size > limit
             proposal = self._propose()
             if proposal is None:
-                if exhausted:
+                if exhausted or sum(part.failed.sum() for part in self._runs) >= _UNEXPLAINED_FAILURES:
                     return None
                 continue
             needed = self._runsNeeded(proposal)
