@@ -56,7 +56,8 @@ class SeparationProblem:
     def __repr__(self):
         return (
             f"SeparationProblem(case={self._case.name}, inputs={self._distribution.getDimension()}, "
-            f"requirements={[str(requirement) for requirement in self._case.requirements]})"
+            # By the names that `getEvent` takes.
+            f"requirements={ {entry.name: str(entry) for entry in self._case.requirements} })"
         )
 
     def getCase(self):
