@@ -67,13 +67,14 @@ def _perform(options):
         return _fail(f"{where}{error.strerror or error}", 2)
     except (ValueError, RuntimeError) as error:
         # Our own errors say in one sentence what is wrong; anything else is a defect and keeps its traceback.
+        from satsep_ot.methods.chunk_scheduler import ChunkError
         from satsep_ot.model.case import CaseError
         from satsep_ot.model.separation_function import SeparationError
         from satsep_ot.studies.results_directory import DirectoryError
 
         if isinstance(error, (CaseError, DirectoryError)):
             return _fail(error, 2)
-        if isinstance(error, SeparationError):
+        if isinstance(error, (SeparationError, ChunkError)):
             return _fail(error, 1)
         raise
 
@@ -169,6 +170,16 @@ def _parser():
         "--runs", type=_positive, default=500_000, metavar="N",
         help="runs of the Monte Carlo sample, which all requirements share (default: 500000)",
     )  # fmt: skip
+    workers = study.add_mutually_exclusive_group()
+    workers.add_argument(
+        "--workers", type=_workers_number, metavar="N",
+        help="make the Monte Carlo sample in N processes of this machine (default: in threads of one); the numbers are "
+        "the same",
+    )  # fmt: skip
+    workers.add_argument(
+        "--dask", metavar="ADDRESS",
+        help="make it on the Dask cluster of the scheduler at ADDRESS, such as tcp://192.168.0.1:8786",
+    )  # fmt: skip
     study.add_argument(
         "--tolerances", type=_count, default=2, metavar="N",
         help="of each requirement, halve the N strongest tolerances to see what that buys (default: 2)",
@@ -232,6 +243,10 @@ def _add_directory_options(command):
 
 def _positive(text):
     return _whole(text, 1, 10**9)
+
+
+def _workers_number(text):
+    return _whole(text, 1, 1024)
 
 
 def _repetitions(text):
@@ -456,24 +471,26 @@ def _study(options):
     except ValueError as error:
         return _fail(f"{case.name}: {error}", 2)
     study = SeparationStudy(problem, options.methods, options.seed, options.runs, toleranceSize=options.tolerances)
-    # A directory that cannot be written to is refused before the work, not after it.
-    study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
 
     def keep():
         study.saveRows()
         return _fail(_INTERRUPTED.format(options.output), INTERRUPTED)
 
-    try:
-        with last_words(keep), _progress() as show:
-            study.setProgressCallback(show)
-            study.run()
-            show("figures and report", 0.95)
-            paths = study.save()
-            show("done", 1.0)
-    except KeyboardInterrupt:
-        return keep()
-    finally:
-        study.close()
+    with _executor(options) as executor:
+        study.setExecutor(executor)
+        # A directory that cannot be written to is refused before the work, not after it.
+        study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
+        try:
+            with last_words(keep), _progress() as show:
+                study.setProgressCallback(show)
+                study.run()
+                show("figures and report", 0.95)
+                paths = study.save()
+                show("done", 1.0)
+        except KeyboardInterrupt:
+            return keep()
+        finally:
+            study.close()
     verdicts = study.getVerdicts()
     if options.json:
         print((options.output / "results.json").read_text(encoding="utf-8"), end="")
@@ -482,6 +499,24 @@ def _study(options):
     if options.fail_unless_met and any(verdict.status != "met" for verdict in verdicts):
         return _fail("not every requirement is met with 95 % confidence", 3)
     return 0
+
+
+@contextmanager
+def _executor(options):
+    """What makes the Monte Carlo sample: processes, a Dask cluster, or (None) threads of this process."""
+    if options.dask is None:
+        from satsep_ot.methods.executors import processes
+
+        yield None if options.workers is None else processes(options.workers)
+        return
+    from importlib.util import find_spec
+
+    if find_spec("distributed") is None:
+        raise ConnectionError("--dask needs the package distributed, which satsep-ot[distributed] installs")
+    from satsep_ot.methods.executors import daskExecutor
+
+    with daskExecutor(options.dask) as executor:
+        yield executor
 
 
 def _print_study(name, study, verdicts, paths):

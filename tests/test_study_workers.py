@@ -1,0 +1,109 @@
+"""`satsep-ot study --workers` and `--dask`: the numbers of a study without, and errors that say what to do."""
+
+import json
+import logging
+import time
+
+import pytest
+
+from satsep_ot import cli
+
+CASE = """
+[platform]
+mass = 10
+inertia = [1, 1, 1]
+center_of_mass = [0, 0, 0]
+[satellite]
+mass = 1
+inertia = [1, 1, 1]
+center_of_mass = [0, 0, 0]
+[springs]
+count = 2
+radius = 100
+stiffness = 100
+deformation = 20
+stroke = 10
+[inputs]
+mass = { quantity = "satellite.mass", sigma = 0.05 }
+rate_y = { quantity = "initial.rates.y", sigma = SIGMA }
+[[requirements]]
+name = "rolling"
+quantity = "spin"
+maximum = 1.0
+"""
+
+
+def study(folder, output, *arguments, sigma=0.4):
+    path = folder / "case.toml"
+    path.write_text(CASE.replace("SIGMA", str(sigma)), encoding="utf-8")
+    options = ["--runs", "12000", "--methods", "MonteCarlo", "--output", str(folder / output)]
+    return cli.main(["study", str(path), *options, *arguments])
+
+
+def numbers(folder, output):
+    document = json.loads((folder / output / "results.json").read_text(encoding="utf-8"))
+    for row in document["rows"]:
+        del row["seconds"]
+    return document["rows"], document["quantities"]
+
+
+@pytest.mark.slow
+def test_workers_change_no_number(tmp_path, capsys):
+    assert study(tmp_path, "alone") == 0
+    assert study(tmp_path, "two", "--workers", "2") == 0
+    assert numbers(tmp_path, "two") == numbers(tmp_path, "alone")
+    outputs = [(tmp_path / name / "runs" / "sample.npy").read_bytes() for name in ("alone", "two")]
+    assert outputs[0] == outputs[1]
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_no_number(tmp_path, capsys):
+    distributed = pytest.importorskip("distributed")
+    assert study(tmp_path, "alone") == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
+        silence_logs=logging.CRITICAL,
+    ) as cluster:  # fmt: skip
+        assert study(tmp_path, "dask", "--dask", cluster.scheduler_address) == 0
+    assert numbers(tmp_path, "dask") == numbers(tmp_path, "alone")
+
+
+@pytest.mark.slow
+def test_an_address_where_nobody_answers(tmp_path, capsys):
+    pytest.importorskip("distributed")
+    begin = time.monotonic()
+    assert study(tmp_path, "never", "--dask", "tcp://127.0.0.1:9") == 2
+    assert time.monotonic() - begin < 30.0
+    said = capsys.readouterr().err
+    assert "satsep-ot: no Dask scheduler answers at tcp://127.0.0.1:9 within 10 s" in said
+    assert not (tmp_path / "never").exists()
+
+
+def test_what_is_no_address(tmp_path, capsys):
+    pytest.importorskip("distributed")
+    assert study(tmp_path, "never", "--dask", "here") == 2
+    assert "satsep-ot: here is no address of a Dask scheduler, such as tcp://" in capsys.readouterr().err
+
+
+def test_without_dask_the_error_says_what_to_install(tmp_path, capsys, monkeypatch):
+    import importlib.util
+
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "distributed" else found(name))
+    assert study(tmp_path, "never", "--dask", "tcp://127.0.0.1:9") == 2
+    assert "--dask needs the package distributed, which satsep-ot[distributed] installs" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_runs_that_fail_on_a_worker_are_named(tmp_path, capsys):
+    assert study(tmp_path, "wild", "--workers", "1", sigma=1e9) == 1
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert said.startswith("satsep-ot: rows 0 to 4095 could not be computed in 3 attempts")
+    assert "SeparationError: row " in said
+
+
+@pytest.mark.parametrize("arguments", [["--workers", "0"], ["--workers", "2", "--dask", "tcp://127.0.0.1:9"]])
+def test_bad_options(arguments, tmp_path, capsys):
+    with pytest.raises(SystemExit) as caught:
+        study(tmp_path, "never", *arguments)
+    assert caught.value.code == 2
