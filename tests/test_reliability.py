@@ -579,6 +579,17 @@ def test_subset_simulation_is_right_on_average_and_keeps_its_limit():
     assert np.median([estimate.coefficientOfVariation for estimate in estimates]) > 0.8 * ratios.std()
 
 
+def test_a_surrogate_whose_weights_leave_few_runs_gets_a_smaller_model():
+    generator = np.random.default_rng(0)
+    u = generator.standard_normal((300, 10))
+    values = np.column_stack([u[:, 0] + 0.5 * u[:, 1] * u[:, 2] * u[:, 0]])
+    large = LimitStateSurrogate(u, values, lambda v: 4.0 - v[:, 0], np.ones(300))
+    assert large.components[0].model.dimension == 3
+    weights = np.where(np.arange(300) < 20, 1.0, 1e-6)
+    small = LimitStateSurrogate(u, values, lambda v: 4.0 - v[:, 0], weights, large)
+    assert small.components[0].model.dimension == 1
+
+
 def test_errors_of_prediction_grow_where_a_polynomial_extrapolates():
     generator = np.random.default_rng(0)
     standardised, constant = [], []

@@ -318,8 +318,11 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
         if improved:
             ladder.append(best)
         # A second direction may show where the first one does not (an even function), a third one after both.
-        elif dimension > max(fewest, 1):
+        elif dimension > fewest:
             break
+    if len(ladder) == 1 and fewest + lowest > 2:
+        # The weights leave too few runs for a model of the earlier size.
+        return _selectModel(u, column, weights, None, maximumDimension, maximumDegree)
     if best.error <= floor:
         return best
     errors = [_withRadius(u, column, weights, fit).error for fit in ladder]
