@@ -24,7 +24,7 @@ def ladle_dimension(eigenvalues, vectors, replicates):
     """Dimension by the ladle estimator of Luo and Li, Biometrika 103 (2016).
 
     The k that minimises the sum of the next eigenvalue and of the bootstrap variability
-    1 - |det(W_k^T V_k)| of the first k vectors, each normalised by its sum over k (the latter plus 1).
+    ``1 - |det(W_k^T V_k)|`` of the first k vectors, each normalised by its sum over k (the latter plus 1).
 
     Returns
     -------
