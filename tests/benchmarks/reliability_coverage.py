@@ -22,7 +22,24 @@ from satsep_ot.studies.method_benchmark import benchmark_tasks
 
 # Runs that each problem may take; elsewhere the default of the algorithm.
 LIMITS = {"P6": 20_000, "P7": 20_000}
-WIDTHS, DIGITS = (8, 6, 8, 8, 6, 6, 6, 6, 6), (2, 2, 2, 2, 1, 1, 1, 1, 1)
+# Head, second line of the head, width and format of each number.
+COLUMNS = (
+    ("", "reps", 4, "d"),
+    ("", "truth", 10, ".3e"),
+    ("+-", "[%]", 6, ".2f"),
+    ("mean", "runs", 7, ".0f"),
+    ("most", "runs", 7, ".0f"),
+    ("bias", "[%]", 8, ".2f"),
+    ("+-", "[%]", 6, ".2f"),
+    ("error", "[%]", 8, ".2f"),
+    ("claimed", "[%]", 8, ".2f"),
+    ("inside", "[%]", 6, ".1f"),
+    ("below", "[%]", 6, ".1f"),
+    ("above", "[%]", 6, ".1f"),
+    ("conv.", "[%]", 6, ".1f"),
+    ("handed", "[%]", 6, ".1f"),
+    ("seconds", "each", 7, ".2f"),
+)
 PROBLEMS = ("P1", "P2", "P3", "P4", "P5", "P6", "P7")
 
 
@@ -66,16 +83,22 @@ def repetitions(task, mode, seeds, path):
     return [known[seed] for seed in seeds]
 
 
-def summary(name, mode, truth, rows):
+def summary(task, mode, rows):
     """One line of the table."""
     columns = {
         key: np.array([row[key] for row in rows], dtype=float) for key in rows[0] if key not in ("problem", "mode")
     }
+    truth = task.probability
     ratio = columns["estimate"] / truth
     below, above = truth < columns["lower"], truth > columns["upper"]
     known = columns["claimed"][np.isfinite(columns["claimed"])]
     squared = (known**2).mean() if len(known) else np.inf
     values = (
+        len(rows),
+        truth,
+        100 * task.probabilityError,
+        columns["runs"].mean(),
+        columns["runs"].max(),
         100 * (ratio.mean() - 1),
         100 * ratio.std(ddof=1) / np.sqrt(len(rows)) if len(rows) > 1 else np.nan,
         100 * np.sqrt(((ratio - 1) ** 2).mean()),
@@ -85,14 +108,10 @@ def summary(name, mode, truth, rows):
         100 * above.mean(),
         100 * columns["converged"].mean(),
         100 * columns["handed"].mean(),
+        columns["seconds"].mean(),
     )
-    numbers = " ".join(
-        f"{value:{width}.{digits}f}" for value, width, digits in zip(values, WIDTHS, DIGITS, strict=True)
-    )
-    return (
-        f"{name:25s} {mode:4s} {len(rows):4d} {truth:10.3e} {columns['runs'].mean():7.0f} {columns['runs'].max():7.0f} "
-        f"{numbers} {columns['seconds'].mean():7.2f}"
-    )
+    numbers = (f"{value:{width}{form}}" for value, (*_, width, form) in zip(values, COLUMNS, strict=True))
+    return " ".join([f"{task.name:25s} {mode:4s}", *numbers])
 
 
 def main():
@@ -105,20 +124,14 @@ def main():
     options = parser.parse_args()
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("satsep-ot", "openturns", "numpy", "scipy"))
     print(f"seeds from {options.seed}; {versions}")
-    print(
-        f"{'':25s} {'':4s} {'':4s} {'':>10s} {'mean':>7s} {'most':>7s} {'bias':>8s} {'+-':>6s} {'error':>8s} "
-        f"{'claimed':>8s} {'inside':>6s} {'below':>6s} {'above':>6s} {'conv.':>6s} {'handed':>6s} {'seconds':>7s}"
-    )
-    print(
-        f"{'problem':25s} {'mode':4s} {'reps':4s} {'truth':>10s} {'runs':>7s} {'runs':>7s} {'[%]':>8s} {'[%]':>6s} "
-        f"{'[%]':>8s} {'[%]':>8s} {'[%]':>6s} {'[%]':>6s} {'[%]':>6s} {'[%]':>6s} {'[%]':>6s} {'each':>7s}"
-    )
+    for head, *names in (("", *(column[0] for column in COLUMNS)), ("problem", *(column[1] for column in COLUMNS))):
+        print(f"{head:30s}", *(f"{name:>{width}s}" for name, (*_, width, _) in zip(names, COLUMNS, strict=True)))
     for name in options.problems:
         (task,) = benchmark_tasks([name])
         for mode in options.modes:
             seeds = range(options.seed, options.seed + options.repetitions)
             rows = repetitions(task, mode, seeds, options.rows)
-            print(summary(name, mode, task.probability, rows), flush=True)
+            print(summary(task, mode, rows), flush=True)
 
 
 if __name__ == "__main__":
