@@ -359,8 +359,13 @@ class PolynomialFit:
 
     def relative_variance(self, points):
         """Variance (n,) of the fitted mean over the noise variance."""
-        rows = self.orthonormal_rows(points)
-        return np.einsum("ij,ij->i", rows, rows)
+        points, variance = np.asarray(points), np.empty(len(points))
+        # The rows of all points at once can be the largest array of a whole study.
+        block = max(256, BLOCK_NUMBERS // self.basis.size)
+        for start in range(0, len(points), block):
+            rows = self.orthonormal_rows(points[start : start + block])
+            variance[start : start + block] = np.einsum("ij,ij->i", rows, rows)
+        return variance
 
     def leave_one_out(self):
         """Prediction errors of the fits without each point, e_i / (1 - h_i): same shape as the residuals.

@@ -628,8 +628,9 @@ def _read_table(table, name):
     folder = Path(table.file).parent
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ValueError(f"{name!r} must be in the folder of the case file or below: name it from there, without '..'")
-    table.texts[name] = text = force_table_text(folder / name)
-    return parse_force_table(text, str(folder / name))
+    if name not in table.texts:
+        table.texts[name] = force_table_text(folder / name)
+    return parse_force_table(table.texts[name], str(folder / name))
 
 
 _UMBILICAL_KEYS = ("angle", "radius", "stiffness", "deformation", "stroke", "friction", "engagement")
