@@ -539,7 +539,7 @@ def _print_study(name, study, verdicts, paths):
             console.print(
                 f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
                 f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
-                + ("" if row["converged"] else ", not converged")
+                + ("" if row["converged"] else f", not converged: {_plain(row['note'])}")
             )
     # Not through the console, which would fold a long path.
     print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")

@@ -111,6 +111,7 @@ def test_the_estimates_follow_from_the_weights(directory, results):
     assert np.array_equal(ours.failed, np.abs(ours.outputs[:, 0]) > 1.0)
     halved = load_runs(directory, "rolling--half--rate_y")
     assert halved.computeProbability() == pytest.approx(results["tightened"]["rolling"][0]["probability"], rel=1e-12)
+    assert results["tightened"]["rolling"][0]["note"].startswith("the target coefficient of variation, 0.1, was reached")
     sample = load_runs(directory, "sample")
     assert sample.computeProbability() == row(results, SYSTEM, "MonteCarlo")["probability"] > 0.0
     spin = sample.outputs[:, sample.outputNames.index("spin [deg/s]")]

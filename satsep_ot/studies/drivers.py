@@ -210,7 +210,7 @@ def scaled_case(case, tolerance, scale):
     return dataclasses.replace(case, inputs=inputs, text="", files={})
 
 
-def changed_probability(case, requirement, target=0.1, maximum=2000):
+def changed_probability(case, requirement, target=0.1, maximum=5000):
     """The probability of a violation of a changed case, by new true runs.
 
     Parameters

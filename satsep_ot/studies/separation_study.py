@@ -420,6 +420,7 @@ class SeparationStudy:
             "upper95": interval.getUpperBound()[0],
             "evaluations": result.getEvaluationNumber(),
             "converged": result.getConverged(),
+            "note": result.getReason(),
         }
 
     def computeViolations(self):
