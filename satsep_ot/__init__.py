@@ -28,7 +28,10 @@ _HOMES = {
     "SeparationFunction": "model.separation_function",
     "SeparationProblem": "model.separation_problem",
     "SeparationStudy": "studies.separation_study",
+    "TrueRuns": "methods.true_runs",
+    "list_runs": "studies.study_runs",
     "load_case": "model.case",
+    "load_runs": "studies.study_runs",
 }
 
 __all__ = ["__version__", *_HOMES]

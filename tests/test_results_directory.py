@@ -33,9 +33,11 @@ def test_a_step_comes_back_to_the_last_bit(tmp_path):
     assert directory.finished("spin", "FORM")["values"] == values
     assert math.copysign(1.0, directory.finished("spin", "FORM")["values"][4]) == -1.0
     assert directory.finished("spin", "SORM") is None
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        directory.keep(("spin", "SORM"), {"probability": math.nan})
-    assert directory.finished("spin", "SORM") is None
+    directory.keep(("spin", "SORM"), {"values": [math.nan, math.inf, -math.inf]})
+    assert np.array_equal(directory.finished("spin", "SORM")["values"], [np.nan, np.inf, -np.inf], equal_nan=True)
+    with pytest.raises(TypeError, match="not JSON serializable"):
+        directory.keep(("spin", "MonteCarlo"), {"values": np.zeros(2)})
+    assert directory.finished("spin", "MonteCarlo") is None
 
 
 def test_another_identity_is_refused_with_what_differs(tmp_path):

@@ -122,3 +122,26 @@ def test_stored_objects_of_python_are_refused_before_they_are_loaded(tmp_path):
     np.savez(path, **{**arrays, "document": np.array(json.dumps(document))})
     with pytest.raises(ValueError, match="a pickle that can execute anything"):
         ActiveSubspaceReliabilityResult.load(path)
+
+
+def test_a_function_in_python_is_not_pickled_only_to_be_left_out(tmp_path):
+    """It may refer to anything, of any size."""
+
+    class Heavy:
+        pickled = 0
+
+        def __reduce__(self):
+            Heavy.pickled += 1
+            return int, ()
+
+    heavy = Heavy()
+    function = ot.PythonFunction(2, 1, lambda x: [x[0] + (0.5 if heavy else 0.0) * x[1]])
+    vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(2)))
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 3.0))
+    ot.RandomGenerator.SetSeed(0)
+    algorithm.run()
+    result, before = algorithm.getResult(), Heavy.pickled
+    result.save(tmp_path / "result.npz")
+    assert Heavy.pickled == before
+    again = ActiveSubspaceReliabilityResult.load(tmp_path / "result.npz")
+    assert again.getTrueRuns().computeProbability() == result.getTrueRuns().computeProbability()

@@ -52,13 +52,17 @@ def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) ->
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-    # The new name, too, is to survive: it is in the directory.
-    directory = os.open(path.parent, os.O_RDONLY)
+    syncDirectory(path.parent)
+    return path
+
+
+def syncDirectory(path: str | os.PathLike) -> None:
+    """Let the names of the files in a directory survive a power failure; their contents have calls of their own."""
+    directory = os.open(path, os.O_RDONLY)
     try:
         os.fsync(directory)
     finally:
         os.close(directory)
-    return path
 
 
 def toXML(thing) -> str:

@@ -143,7 +143,7 @@ class ResultsDirectory:
         result : plain data
             Numbers come back to the last bit.
         """
-        text = json.dumps({"step": list(names), "result": result}, indent=1, allow_nan=False) + "\n"
+        text = json.dumps({"step": list(names), "result": result}, indent=1) + "\n"
         path = self.file("steps", names, ".json")
         writeWhole(path, lambda stream: stream.write(text.encode()))
 

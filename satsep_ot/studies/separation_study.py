@@ -24,7 +24,7 @@ from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, Reliabi
 from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
-from satsep_ot.methods.result_storage import toXML, writeWhole
+from satsep_ot.methods.result_storage import syncDirectory, toXML, writeWhole
 from satsep_ot.methods.true_runs import TrueRuns
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
@@ -227,6 +227,8 @@ class SeparationStudy:
                 folder = self._directory.folder("runs")
             path = folder / "sample.npy"
             self._summary = self._step(["sample"], lambda: self._runSample(path))
+            if self._directory is not None:
+                self._directory.file("steps", ["sample"], ".checkpoint").unlink(missing_ok=True)
             if path.exists():
                 self._sample = np.array(np.load(path, mmap_mode="r", allow_pickle=False)[:_DRAWN])
             else:
@@ -268,7 +270,8 @@ class SeparationStudy:
         stream.run()
         result = stream.getResult()
         if checkpoint is not None:
-            checkpoint.unlink(missing_ok=True)
+            # The file has its name before the step is called finished.
+            syncDirectory(path.parent)
         return {
             "seconds": time.perf_counter() - begin,
             "size": self._sampleSize,
