@@ -119,6 +119,10 @@ def test_the_error_of_the_reference_is_not_held_against_a_method():
     assert rows([Told("same", [1.05])], 2)["same"].verdict == "wrong"
     row = rows([Told("same", [1.05])], 2, probabilityError=0.02)["same"]
     assert (row.verdict, row.biasError) == ("right", pytest.approx(0.02))
+    # An interval of 1.96 % beside a reference that is known to 1.96 %: together they reach 2.8 %.
+    near, far = ([1.0 + offset] * 12 for offset in (0.027, 0.029))
+    assert rows([Told("near", near, 0.01)], 12, probabilityError=0.01)["near"].coverage == 1.0
+    assert rows([Told("far", far, 0.01)], 12, probabilityError=0.01)["far"].coverage == 0.0
 
 
 def test_repetitions_beyond_those_asked_for_count(tmp_path):

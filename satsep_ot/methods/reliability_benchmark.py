@@ -89,7 +89,8 @@ class BenchmarkRow:
     error, claimed : float
         Root mean square of the relative errors, and of the coefficients of variation that the method gave.
     coverage : float
-        Share of the repetitions whose 95 % interval holds the truth.
+        Share of the repetitions whose 95 % interval holds the truth, the interval widened by that of the reference
+        where that is itself an estimate.
     evaluations, gradients, seconds : float
         Means.
     cost : float
@@ -193,7 +194,7 @@ class ReliabilityBenchmark:
         methods: Sequence[str | ReliabilityMethod] | None = None,
         repetitions: int = 10,
         seed: int = 0,
-    ):
+    ) -> None:
         if repetitions < 1:
             raise ValueError(f"the number of repetitions is {repetitions}; it must be at least 1")
         self._tasks = list(tasks)
@@ -210,7 +211,7 @@ class ReliabilityBenchmark:
         self._progressCallback = None
         self._result = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"ReliabilityBenchmark(problems={[task.name for task in self._tasks]}, "
             f"methods={[method.name for method in self._methods]}, repetitions={self._repetitions}, seed={self._seed})"
@@ -328,9 +329,13 @@ def _summary(task, method, rows):
     intervals = [(row.lower95, row.upper95) for row in found if row.lower95 is not None]
     inside = None
     if intervals:
+        # The interval of the difference between the estimate and the reference, as both are independent.
         low, high = np.array(intervals).T
-        slack = _REFERENCE_ACCURACY * task.probability
-        inside = int(np.count_nonzero((low <= task.probability + slack) & (task.probability - slack <= high)))
+        estimates = np.array([row.probability for row in found if row.lower95 is not None])
+        slack = max(_REFERENCE_ACCURACY, 1.96 * task.probabilityError) * task.probability
+        below = task.probability < estimates - np.hypot(estimates - low, slack)
+        above = task.probability > estimates + np.hypot(high - estimates, slack)
+        inside = int(np.count_nonzero(~(below | above)))
         summary.coverage = inside / len(intervals)
     runs = summary.evaluations + task.gradientCost * summary.gradients
     factor = (summary.error / _TARGET) ** 2
@@ -367,10 +372,10 @@ class ReliabilityBenchmarkResult:
     ['FORM']
     """
 
-    def __init__(self, rows: list[BenchmarkRow]):
+    def __init__(self, rows: list[BenchmarkRow]) -> None:
         self._rows = rows
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"ReliabilityBenchmarkResult(rows={len(self._rows)})"
 
     def getRows(self) -> list[BenchmarkRow]:
