@@ -200,6 +200,26 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
     figures = {figure["file"] for figure in results["figures"]}
     assert {path.name for path in (output / "figures").iterdir()} == figures
     assert "open " + str(output / "report.html") in captured.out
+    # The same directory again: refused, with what can be done, before anything is run or changed.
+    settings = ["--runs", "20000", "--methods", "FORM", "MonteCarlo"]
+    before = {path: path.read_bytes() for path in output.rglob("*") if path.is_file()}
+    assert "holds this study already: --resume continues" in refused([*arguments, *settings], capsys)
+    assert "with seed = 7 instead of 8" in refused([*arguments[:-1], "8", *settings, "--resume"], capsys)
+    assert "with methods = FORM MonteCarlo instead of FORM" in refused([*arguments, *settings[:-1]], capsys)
+    other = small(tmp_path, scatter.replace("0.4", "0.5"))
+    refusal = refused(["study", other, *arguments[2:], *settings, "--resume"], capsys)
+    assert "of another case: give another directory, or --overwrite to lose that one" in refusal
+    refusal = refused(["study", other, "--output", str(tmp_path)], capsys)
+    assert "holds other files, such as" in refusal
+    assert {path: path.read_bytes() for path in output.rglob("*") if path.is_file()} == before
+    with pytest.raises(SystemExit):
+        cli.main([*arguments, "--resume", "--overwrite"])
+    assert "not allowed with argument --resume" in capsys.readouterr().err
+    # Another case in its place, only when that is said.
+    assert cli.main(["study", other, *arguments[2:], *settings[:-1], "--overwrite"]) == 0
+    results = json.loads((output / "results.json").read_text(encoding="utf-8"))
+    assert [row["method"] for row in results["rows"]] == ["FORM", "FORM"]
+    assert "0.5" in (output / "case.toml").read_text(encoding="utf-8")
 
 
 ROLLING = (
