@@ -21,7 +21,7 @@ _EXIT_CODES = (
 _INTERRUPTED = "interrupted; what was finished is kept in {}: the same command with --resume continues from there"
 
 
-def main(arguments=None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit code.
 
     Parameters

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Callable, Iterator
 
 PATIENCE = 0.7  # s that an interrupt may go unheard
 INTERRUPTED = 130  # the exit code, as shells have it
@@ -17,7 +18,7 @@ _ending = threading.Lock()
 
 
 @contextlib.contextmanager
-def last_words(act):
+def last_words(act: Callable[[], object]) -> Iterator[None]:
     """Within this block, an interrupt that ends the process calls `act` before: it keeps and says what there is.
 
     Parameters
@@ -43,7 +44,7 @@ def last_words(act):
         _last_words.remove(act)
 
 
-def listen():
+def listen() -> None:
     """Let an interrupt end this process within a second; to be called once, in the main thread.
 
     Where only Python runs it raises KeyboardInterrupt, as ever. But OpenTURNS (1.27) answers the signal itself while an
@@ -57,7 +58,7 @@ def listen():
     threading.Thread(target=_await, daemon=True).start()
 
 
-def end(code=INTERRUPTED):
+def end(code: int = INTERRUPTED) -> None:
     """End the process at once: libraries that were interrupted half-way may crash when they are taken down in order."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(OSError, ValueError):

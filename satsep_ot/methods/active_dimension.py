@@ -20,7 +20,7 @@ EIGENVALUE_FLOOR = 1e-4
 ISOTROPY_REPLICATES = 200
 
 
-def ladle_dimension(eigenvalues, vectors, replicates):
+def ladle_dimension(eigenvalues: np.ndarray, vectors: np.ndarray, replicates: np.ndarray) -> int:
     """Dimension by the ladle estimator of Luo and Li, Biometrika 103 (2016).
 
     The k that minimises the sum of the next eigenvalue and of the bootstrap variability
@@ -49,7 +49,13 @@ def ladle_dimension(eigenvalues, vectors, replicates):
     return int(np.argmax(score <= score.min() + 1e-12))
 
 
-def gap_dimension(gradients, scales=None, weights=None, largest=LARGEST_DIMENSION, level=0.95):
+def gap_dimension(
+    gradients: np.ndarray,
+    scales: np.ndarray | None = None,
+    weights: np.ndarray | None = None,
+    largest: int = LARGEST_DIMENSION,
+    level: float = 0.95,
+) -> int:
     """Dimension by the gaps of log eigenvalues that gradients without preferred directions do not show.
 
     The leading directions are taken away one after the other. What is left of each gradient is shortened to the
@@ -146,7 +152,7 @@ def _isotropic_gaps(rows, generator):
     return gaps
 
 
-def energy_dimension(eigenvalues, share=0.99):
+def energy_dimension(eigenvalues: np.ndarray, share: float = 0.99) -> int:
     """The smallest dimension whose eigenvalues make up this share of their sum.
 
     Examples
@@ -161,7 +167,14 @@ def energy_dimension(eigenvalues, share=0.99):
     return int(np.argmax(cumulated >= share * cumulated[-1])) + 1
 
 
-def cross_validated_dimension(points, values, gradients, candidates, scales, weights):
+def cross_validated_dimension(
+    points: np.ndarray,
+    values: np.ndarray,
+    gradients: np.ndarray,
+    candidates: np.ndarray,
+    scales: np.ndarray,
+    weights: np.ndarray,
+) -> int:
     """The smallest candidate whose nested cross-validated error is within a standard error of the best one.
 
     Parameters
@@ -182,7 +195,15 @@ def cross_validated_dimension(points, values, gradients, candidates, scales, wei
     raise AssertionError("The best candidate has no excess over itself.")
 
 
-def cross_validated_error(points, values, gradients, dimension, scales, weights, folds=5):
+def cross_validated_error(
+    points: np.ndarray,
+    values: np.ndarray,
+    gradients: np.ndarray,
+    dimension: int,
+    scales: np.ndarray,
+    weights: np.ndarray,
+    folds: int = 5,
+) -> np.ndarray:
     """Nested cross-validation of the polynomial surrogate: the subspace is estimated anew in every fold.
 
     Returns

@@ -1,9 +1,11 @@
 """Active subspaces in the standard normal space (Constantine, Active Subspaces, SIAM 2015)."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
 from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
 from satsep_ot.methods.function_noise import estimate_noise
@@ -51,7 +53,7 @@ class ActiveSubspaceAlgorithm:
     1 0.6 0.8
     """
 
-    def __init__(self, function, distribution):
+    def __init__(self, function: ot.Function, distribution: ot.Distribution) -> None:
         self._space = StandardSpace(distribution)
         batched = getattr(function, "computeGradientSample", None)
         self._function = None if function is None else ot.Function(function)
@@ -76,7 +78,14 @@ class ActiveSubspaceAlgorithm:
         self._result = None
 
     @classmethod
-    def FromGradientSample(cls, distribution, standardSample, outputSample, gradientSample, weights=None):
+    def FromGradientSample(
+        cls,
+        distribution: ot.Distribution,
+        standardSample: ArrayLike,
+        outputSample: ArrayLike,
+        gradientSample: ArrayLike,
+        weights: ArrayLike | None = None,
+    ) -> "ActiveSubspaceAlgorithm":
         """The algorithm on gradients that are already there; it evaluates nothing.
 
         Parameters
@@ -113,25 +122,25 @@ class ActiveSubspaceAlgorithm:
         algorithm._data = (points, values, gradients, weights)
         return algorithm
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"ActiveSubspaceAlgorithm(inputs={self._space.getDimension()}, samplingSize={self._samplingSize}, "
             f"gradientMethod={self._gradientMethod})"
         )
 
-    def getDistribution(self):
+    def getDistribution(self) -> ot.Distribution:
         """Distribution of the physical inputs."""
         return self._space.getDistribution()
 
-    def setSamplingSize(self, samplingSize):
+    def setSamplingSize(self, samplingSize: int) -> None:
         """Number M of points at which gradients are taken, at least 1; fewer than inputs is allowed."""
         self._samplingSize = _integer("sampling size", samplingSize, 1)
 
-    def getSamplingSize(self):
+    def getSamplingSize(self) -> int:
         """Number of points at which gradients are taken."""
         return self._samplingSize
 
-    def setGradientMethod(self, method):
+    def setGradientMethod(self, method: str) -> None:
         """How gradients are obtained: "Automatic", "Exact", "CentralDifference" or "ForwardDifference".
 
         "Automatic" takes the function's own gradient unless OpenTURNS would take differences for it.
@@ -140,31 +149,31 @@ class ActiveSubspaceAlgorithm:
             raise ValueError(f"The gradient method must be one of {', '.join(GRADIENT_METHODS)}, got {method!r}.")
         self._gradientMethod = method
 
-    def getGradientMethod(self):
+    def getGradientMethod(self) -> str:
         """How gradients are obtained."""
         return self._gradientMethod
 
-    def setGradientSampleFunction(self, callable_):
+    def setGradientSampleFunction(self, callable_: Callable[[np.ndarray], ArrayLike] | None) -> None:
         """A callable X (N, d) -> (N, d, p) of dg_j/dx_i at physical points, used for "Automatic" and "Exact"."""
         if not callable(callable_):
             raise TypeError(f"The gradient sample function must be callable, got {type(callable_).__name__}.")
         self._gradientSampleFunction = callable_
 
-    def setFiniteDifferenceStep(self, step):
+    def setFiniteDifferenceStep(self, step: float | None) -> None:
         """Step in the standard space, in standard deviations; None (default) takes it from the estimated noise."""
         if step is not None and not 0.0 < step < math.inf:
             raise ValueError(f"The finite difference step must be positive and finite, got {step}.")
         self._step = step
 
-    def setBootstrapSize(self, bootstrapSize):
+    def setBootstrapSize(self, bootstrapSize: int) -> None:
         """Number of bootstrap replicates, at least 2 (default 1000)."""
         self._bootstrapSize = _integer("bootstrap size", bootstrapSize, 2)
 
-    def getBootstrapSize(self):
+    def getBootstrapSize(self) -> int:
         """Number of bootstrap replicates."""
         return self._bootstrapSize
 
-    def setDimension(self, dimension):
+    def setDimension(self, dimension: int | None) -> None:
         """Active dimension, 1 to the number of inputs, or None (default) to choose it."""
         if dimension is not None:
             dimension = _integer("dimension", dimension, 1)
@@ -172,17 +181,17 @@ class ActiveSubspaceAlgorithm:
                 raise ValueError(f"The dimension must be 1 to {self._space.getDimension()}, got {dimension}.")
         self._dimension = dimension
 
-    def getDimension(self):
+    def getDimension(self) -> int | None:
         """Active dimension that was asked for, None for the automatic choice."""
         return self._dimension
 
-    def setWeightFunction(self, weightFunction):
+    def setWeightFunction(self, weightFunction: Callable[[np.ndarray], ArrayLike] | None) -> None:
         """A callable of the outputs, (M, p) -> (M,), that weights the points, for instance near a limit state."""
         if weightFunction is not None and not callable(weightFunction):
             raise TypeError(f"The weight function must be callable, got {type(weightFunction).__name__}.")
         self._weightFunction = weightFunction
 
-    def setTargetSubspaceError(self, target, maximumSamplingSize=None):
+    def setTargetSubspaceError(self, target: float | None, maximumSamplingSize: int | None = None) -> None:
         """Add gradients until the upper 95 % band of the subspace distance is at most ``target``.
 
         Parameters
@@ -198,11 +207,11 @@ class ActiveSubspaceAlgorithm:
         if maximumSamplingSize is not None:
             self._maximumSamplingSize = _integer("maximum sampling size", maximumSamplingSize, 1)
 
-    def getEvaluationCallsNumber(self):
+    def getEvaluationCallsNumber(self) -> int:
         """Evaluations of the function so far, those of finite differences and of the noise included."""
         return self._evaluations
 
-    def getGradientCallsNumber(self):
+    def getGradientCallsNumber(self) -> int:
         """Gradients of the function so far (of all outputs at a point; none when differences are taken)."""
         return self._gradients
 
@@ -271,7 +280,7 @@ class ActiveSubspaceAlgorithm:
                 gradients[start : start + block] = (ahead - values[start : start + block, None, :]) / step
         return gradients
 
-    def run(self):
+    def run(self) -> None:
         """Take the gradients and estimate the subspace.
 
         Raises
@@ -334,7 +343,7 @@ class ActiveSubspaceAlgorithm:
         result._setCost(self._evaluations, self._gradients, step, noise)
         self._result = result
 
-    def getResult(self):
+    def getResult(self) -> ActiveSubspaceResult:
         """The :class:`ActiveSubspaceResult` of the last run."""
         if self._result is None:
             raise RuntimeError("There is no result yet: call run() first.")

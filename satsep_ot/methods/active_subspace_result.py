@@ -1,9 +1,12 @@
 """What an active subspace tells: spectrum, directions, maps, scores, graphs."""
 
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 from scipy import linalg
 
 from satsep_ot.methods.active_dimension import (
@@ -19,7 +22,11 @@ from satsep_ot.methods.active_variables import (
     inverseActiveTransformation,
     surrogate_degree,
 )
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomial_regression import (
+    MultivariatePolynomialRegression,
+    MultivariatePolynomialRegressionResult,
+)
+from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.subspace_estimation import (
     bootstrap_distances,
     bootstrap_subspace,
@@ -57,7 +64,17 @@ class ActiveSubspaceResult:
     >>> graph = result.drawEigenvalues()
     """
 
-    def __init__(self, space, points, values, gradients, weights, bootstrapSize, dimension, gradientNoise=0.0):
+    def __init__(
+        self,
+        space: StandardSpace,
+        points: np.ndarray,
+        values: np.ndarray,
+        gradients: np.ndarray,
+        weights: np.ndarray | None,
+        bootstrapSize: int,
+        dimension: int | None,
+        gradientNoise: float = 0.0,
+    ) -> None:
         self._space = space
         self._points = points
         self._values = values
@@ -94,7 +111,7 @@ class ActiveSubspaceResult:
         self._dimension = self._choices["chosen"] if dimension is None else dimension
         self._setCost(0, 0, None, None)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"ActiveSubspaceResult(inputs={len(self._eigenvalues)}, outputs={self._values.shape[1]}, "
             f"gradients={len(self._points)}, dimension={self._dimension})"
@@ -133,11 +150,11 @@ class ActiveSubspaceResult:
         )
         return choices
 
-    def getEigenvalues(self):
+    def getEigenvalues(self) -> ot.Point:
         """All d eigenvalues, decreasing (in units of the output squared; without unit for several outputs)."""
         return ot.Point(self._eigenvalues)
 
-    def getEigenvaluesInterval(self, level=0.95):
+    def getEigenvaluesInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval of each eigenvalue, an :py:class:`openturns.Interval`."""
         _checkLevel(level)
         return ot.Interval(*self._eigenvalueBands(level))
@@ -145,19 +162,19 @@ class ActiveSubspaceResult:
     def _eigenvalueBands(self, level):
         return reflected_bands(self._eigenvalues, self._eigenvalueReplicates, level)
 
-    def getResolvedEigenvaluesNumber(self):
+    def getResolvedEigenvaluesNumber(self) -> int:
         """How many eigenvalues the gradients can resolve; the others are reported as 0."""
         return self._resolved
 
-    def getEigenvectors(self):
+    def getEigenvectors(self) -> ot.Matrix:
         """All eigenvectors as the columns of a (d, d) :py:class:`openturns.Matrix`, largest component positive."""
         return ot.Matrix(self._vectors)
 
-    def getSubspaceError(self):
+    def getSubspaceError(self) -> ot.Point:
         """Bootstrap mean of the distance ||W W^T - V V^T||_2 for the dimensions 1, 2, ..."""
         return ot.Point(self._distances.mean(axis=0))
 
-    def getSubspaceErrorInterval(self, level=0.95):
+    def getSubspaceErrorInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap quantile interval of the subspace distance for the dimensions 1, 2, ..."""
         _checkLevel(level)
         return ot.Interval(*quantile_bands(self._distances, level))
@@ -167,26 +184,26 @@ class ActiveSubspaceResult:
             return 1.0
         return float(quantile_bands(self._distances, 0.95)[1][self._dimension - 1])
 
-    def getDimension(self):
+    def getDimension(self) -> int:
         """Active dimension; 0 for a constant function and where no gap separates any direction."""
         return self._dimension
 
-    def getDimensionChoices(self):
+    def getDimensionChoices(self) -> dict[str, Any]:
         """What each criterion says: a dict with "gap", "ladle", "energy", "chosen" and "agree".
 
         Where they disagree and the points suffice, "crossValidation" tells which of them predicts best.
         """
         return dict(self._choices)
 
-    def getRemarks(self):
+    def getRemarks(self) -> list[str]:
         """Sentences on what a reader should know: unresolved eigenvalues, criteria that disagree, a target missed."""
         return list(self._remarks)
 
-    def isConstant(self):
+    def isConstant(self) -> bool:
         """Whether the gradients are 0 up to rounding and up to the noise of the differences."""
         return self._constant
 
-    def getRepeatedGroups(self, level=0.95):
+    def getRepeatedGroups(self, level: float = 0.95) -> list[list[int]]:
         """Runs of eigenvalues whose bands overlap: within a run the single vectors mean nothing, their span does.
 
         Returns
@@ -208,7 +225,7 @@ class ActiveSubspaceResult:
         groups.append(group)
         return [group for group in groups if len(group) > 1]
 
-    def getDirections(self):
+    def getDirections(self) -> ot.Matrix:
         """Active directions W1 as orthonormal columns, (d, r) :py:class:`openturns.Matrix`."""
         return ot.Matrix(self._active())
 
@@ -220,39 +237,39 @@ class ActiveSubspaceResult:
             reason = "the function is constant" if self._constant else "no gap separates any direction"
             raise ValueError(f"There is no active variable: {reason}; setDimension() of the algorithm forces one.")
 
-    def getTransformation(self):
+    def getTransformation(self) -> ot.Function:
         """Physical inputs to active variables, y = W1^T T(x), a native :py:class:`openturns.Function`."""
         self._needDirections()
         return activeTransformation(self._space, self._active())
 
-    def getInverseTransformation(self):
+    def getInverseTransformation(self) -> ot.Function:
         """Active variables to the physical inputs with inactive variables 0, x = T^-1(W1 y), a native function."""
         self._needDirections()
         return inverseActiveTransformation(self._space, self._active())
 
-    def getStandardSpace(self):
+    def getStandardSpace(self) -> StandardSpace:
         """The :class:`~satsep_ot.methods.standard_space.StandardSpace` that was used."""
         return self._space
 
-    def getStandardSample(self):
+    def getStandardSample(self) -> ot.Sample:
         """Points in the standard space, :py:class:`openturns.Sample` (M, d)."""
         return ot.Sample(self._points)
 
-    def getOutputSample(self):
+    def getOutputSample(self) -> ot.Sample:
         """Outputs at the points, :py:class:`openturns.Sample` (M, p)."""
         return ot.Sample(self._values)
 
-    def getGradientSample(self):
+    def getGradientSample(self) -> np.ndarray:
         """Gradients in the standard space, ndarray (M, d, p)."""
         return self._gradients.copy()
 
-    def getWeights(self):
+    def getWeights(self) -> ot.Point:
         """Weights of the points, which sum to 1."""
         if self._weights is None:
             return ot.Point(len(self._points), 1.0 / len(self._points))
         return ot.Point(self._weights / self._weights.sum())
 
-    def getAverageGradient(self):
+    def getAverageGradient(self) -> ot.Point:
         """Unit vector along the mean gradient (one output): exact for a ridge that rises everywhere."""
         if self._gradients.shape[2] != 1:
             raise ValueError(f"The average gradient needs one output, there are {self._gradients.shape[2]}.")
@@ -262,14 +279,14 @@ class ActiveSubspaceResult:
             raise ValueError("The mean gradient is 0: it has no direction.")
         return ot.Point(mean / length)
 
-    def getAverageTransformation(self):
+    def getAverageTransformation(self) -> ot.Function:
         """Physical inputs to the single variable along the average gradient, a native :py:class:`openturns.Function`.
 
         The alternative to :meth:`getTransformation` for a function that rises everywhere in one direction.
         """
         return activeTransformation(self._space, np.array(self.getAverageGradient())[:, None])
 
-    def getActivityScores(self, dimension=None):
+    def getActivityScores(self, dimension: int | None = None) -> ot.Point:
         """Activity score of each input, sum_{j <= n} lambda_j w_ij^2 (Constantine and Diaz 2017).
 
         Parameters
@@ -285,7 +302,7 @@ class ActiveSubspaceResult:
         n = self._scoreDimension(dimension, len(self._eigenvalues))
         return ot.Point((self._vectors[:, :n] ** 2) @ self._eigenvalues[:n])
 
-    def getActivityScoresInterval(self, level=0.95, dimension=None):
+    def getActivityScoresInterval(self, level: float = 0.95, dimension: int | None = None) -> ot.Interval:
         """Bootstrap interval of the activity scores."""
         _checkLevel(level)
         if dimension == len(self._eigenvalues):
@@ -304,11 +321,11 @@ class ActiveSubspaceResult:
     def _squares(self):
         return ((self._gradients**2) / self._scales).sum(axis=2)
 
-    def getDerivativeBasedIndices(self):
+    def getDerivativeBasedIndices(self) -> ot.Point:
         """Derivative-based sensitivity nu_i = E[(dg/du_i)^2], summed over outputs in units of their scale."""
         return ot.Point(np.array(self.getWeights()) @ self._squares())
 
-    def getDerivativeBasedIndicesInterval(self, level=0.95):
+    def getDerivativeBasedIndicesInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval of the derivative-based sensitivity."""
         _checkLevel(level)
         weights = self._counts * np.array(self.getWeights())
@@ -316,7 +333,7 @@ class ActiveSubspaceResult:
         replicates = (weights / np.where(total > 0.0, total, 1.0)) @ self._squares()
         return ot.Interval(*reflected_bands(np.array(self.getDerivativeBasedIndices()), replicates, level))
 
-    def getTotalSobolBound(self):
+    def getTotalSobolBound(self) -> ot.Point:
         """Upper bounds nu_i / Var g of the total Sobol indices in U (Poincare inequality; one output).
 
         Reference: Sobol and Kucherenko, Math. Comput. Simul. 79 (2009).
@@ -327,7 +344,7 @@ class ActiveSubspaceResult:
             raise ValueError("The function is constant over the sample: it has no Sobol indices.")
         return ot.Point(np.array(self.getDerivativeBasedIndices()) / self._variances[0])
 
-    def getErrorBound(self):
+    def getErrorBound(self) -> float:
         """Bound on the root mean square error of E[g | y]: square root of the trailing sum of eigenvalues.
 
         It follows from the Poincare inequality of the standard normal law, whose constant is 1
@@ -335,35 +352,35 @@ class ActiveSubspaceResult:
         """
         return float(np.sqrt(self._eigenvalues[self._dimension :].sum()))
 
-    def getErrorBoundInterval(self, level=0.95):
+    def getErrorBoundInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval (1-dimensional) of the error bound."""
         _checkLevel(level)
         replicates = np.sqrt(self._eigenvalueReplicates[:, self._dimension :].sum(axis=1))
         lower, upper = reflected_bands(np.array([self.getErrorBound()]), replicates[:, None], level)
         return ot.Interval(lower, upper)
 
-    def getEvaluationCallsNumber(self):
+    def getEvaluationCallsNumber(self) -> int:
         """Evaluations of the function, those of finite differences and of the noise included."""
         return self._evaluations
 
-    def getGradientCallsNumber(self):
+    def getGradientCallsNumber(self) -> int:
         """Gradients of the function (of all outputs at a point); 0 when differences were taken."""
         return self._gradientCalls
 
-    def getFiniteDifferenceStep(self):
+    def getFiniteDifferenceStep(self) -> float | None:
         """Step of the differences in the standard space, None when there were none."""
         return self._step
 
-    def getNoise(self):
+    def getNoise(self) -> ot.Point | None:
         """Estimated noise of each output (standard deviation), None when it was not needed."""
         return None if self._noise is None else ot.Point(self._noise)
 
-    def getActiveSample(self):
+    def getActiveSample(self) -> ot.Sample:
         """Active variables at the points, :py:class:`openturns.Sample` (M, r)."""
         self._needDirections()
         return ot.Sample(self._points @ self._active())
 
-    def getRegressionResult(self):
+    def getRegressionResult(self) -> MultivariatePolynomialRegressionResult:
         """Regression of the outputs on the active variables: E[g | y] and, by its ``computeSpread``, the spread.
 
         Returns
@@ -386,7 +403,7 @@ class ActiveSubspaceResult:
             self._regression = regression.getResult()
         return self._regression
 
-    def drawEigenvalues(self, level=0.95):
+    def drawEigenvalues(self, level: float = 0.95) -> ot.Graph:
         """Eigenvalues on a logarithmic scale with their bootstrap band, :py:class:`openturns.Graph`."""
         _checkLevel(level)
         # Below there is rounding only, which has no place on a logarithmic scale.
@@ -401,7 +418,7 @@ class ActiveSubspaceResult:
         _add_band(graph, self._eigenvalues[:number], lower, upper, level)
         return graph
 
-    def drawSubspaceError(self, level=0.95):
+    def drawSubspaceError(self, level: float = 0.95) -> ot.Graph:
         """Bootstrap mean and band of the subspace distance by dimension, :py:class:`openturns.Graph`."""
         _checkLevel(level)
         graph = ot.Graph("Subspace distance with bootstrap band", "dimension", "distance", True, "upper right")
@@ -410,7 +427,7 @@ class ActiveSubspaceResult:
         _add_band(graph, self._distances[:, :number].mean(axis=0), lower, upper, level)
         return graph
 
-    def drawActivityScores(self, level=0.95, names=None):
+    def drawActivityScores(self, level: float = 0.95, names: Sequence[str] | None = None) -> ot.Graph:
         """Activity scores with bootstrap intervals, largest first, :py:class:`openturns.Graph`."""
         scores = np.array(self.getActivityScores())
         interval = self.getActivityScoresInterval(level)
@@ -445,7 +462,7 @@ class ActiveSubspaceResult:
         graph.add(labels)
         return graph
 
-    def drawSufficientSummary(self, output=0, level=0.95):
+    def drawSufficientSummary(self, output: int = 0, level: float = 0.95) -> ot.Graph:
         """Output against the first active variables with the regression on them.
 
         Parameters
@@ -468,7 +485,7 @@ class ActiveSubspaceResult:
         active = self._points @ self._active()
         return drawSufficientSummary(active, self._values[:, output], self._weights, f"output {output}", level)
 
-    def compareDirections(self, directions):
+    def compareDirections(self, directions: ArrayLike) -> float:
         """Distance ||W W^T - V V^T||_2 of the active subspace to another one given by (d, r) columns."""
         other = linalg.qr(np.array(directions, dtype=float), mode="economic")[0]
         return subspace_distance(self._active(), other)

@@ -6,6 +6,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.standard_space import StandardSpace
 
 # Ten steps of the colour map viridis, that of OpenTURNS' contours (Smith and van der Walt, 2015).
 COLOURS = (
@@ -13,7 +14,7 @@ COLOURS = (
 )  # fmt: skip
 
 
-def activeTransformation(space, directions):
+def activeTransformation(space: StandardSpace, directions: np.ndarray) -> ot.Function:
     """Physical inputs to active variables, y = W^T T(x), as a native function.
 
     Parameters
@@ -44,7 +45,7 @@ def activeTransformation(space, directions):
     return transformation
 
 
-def inverseActiveTransformation(space, directions):
+def inverseActiveTransformation(space: StandardSpace, directions: np.ndarray) -> ot.Function:
     """Active variables to physical inputs, the inactive ones at 0: x = T^-1(W y), as a native function.
 
     Parameters
@@ -64,7 +65,7 @@ def inverseActiveTransformation(space, directions):
     return transformation
 
 
-def surrogate_degree(count, dimension, largest=4):
+def surrogate_degree(count: int, dimension: int, largest: int = 4) -> int:
     """The highest degree up to ``largest`` with at least two points for each polynomial term.
 
     Examples
@@ -79,7 +80,9 @@ def surrogate_degree(count, dimension, largest=4):
     return degree
 
 
-def drawSufficientSummary(active, values, weights=None, name="output", level=0.95):
+def drawSufficientSummary(
+    active: np.ndarray, values: np.ndarray, weights: np.ndarray | None = None, name: str = "output", level: float = 0.95
+) -> ot.Graph:
     """Output against the first one or two active variables with the regression on them.
 
     Parameters

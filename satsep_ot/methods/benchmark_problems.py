@@ -69,7 +69,7 @@ class BenchmarkProblem:
         outputDimension: int = 1,
         composition: Callable | None = None,
         probabilityError: float = 0.0,
-    ):
+    ) -> None:
         self._name = name
         self._distribution = distribution
         self._components = components
@@ -79,7 +79,7 @@ class BenchmarkProblem:
         self._source = source
         self._probabilityError = probabilityError
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"BenchmarkProblem(name={self._name}, probability={self._probability:.4e})"
 
     def getName(self) -> str:

@@ -53,7 +53,7 @@ class ChunkError(RuntimeError):
     rows 20 to 29 could not be computed in 3 attempts, the last of which ended so: its worker died
     """
 
-    def __init__(self, first: int, end: int, attempts: int, reason: str):
+    def __init__(self, first: int, end: int, attempts: int, reason: str) -> None:
         tries = "1 attempt, which" if attempts == 1 else f"{attempts} attempts, the last of which"
         super().__init__(f"rows {first} to {end - 1} could not be computed in {tries} ended so: {reason}")
         self.first, self.end, self.attempts, self.reason = first, end, attempts, reason
@@ -79,7 +79,7 @@ class Work:
     2.0
     """
 
-    def __init__(self, function: Callable[[Any], Any]):
+    def __init__(self, function: Callable[[Any], Any]) -> None:
         self.function = function
 
     @functools.cached_property
@@ -157,7 +157,7 @@ class ChunkScheduler:
     [0, 1, 2, 3, 4]
     """
 
-    def __init__(self, executor: Executor | Callable[[], Executor] | None = None):
+    def __init__(self, executor: Executor | Callable[[], Executor] | None = None) -> None:
         if not (executor is None or callable(executor) or isinstance(executor, Executor)):
             raise TypeError(
                 f"the executor is a {type(executor).__name__}; a concurrent.futures.Executor, a callable that makes "
@@ -169,7 +169,7 @@ class ChunkScheduler:
         self._maximumAttempts = 3
         self._patience = 300.0
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         kind = type(self._executor or self._factory).__name__
         return f"ChunkScheduler(executor={kind}, timeout={self._timeout}, maximumAttempts={self._maximumAttempts})"
 

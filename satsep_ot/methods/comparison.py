@@ -59,7 +59,11 @@ class ReliabilityComparison:
     ('0.02275', None, 10000)
     """
 
-    def __init__(self, event, methods: Sequence[str | ReliabilityMethod] | None = None):
+    def __init__(
+        self,
+        event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent,
+        methods: Sequence[str | ReliabilityMethod] | None = None,
+    ) -> None:
         self._event = event
         self._methods = [makeMethod(method) for method in (DEFAULT_METHODS if methods is None else methods)]
         self._components = None
@@ -67,12 +71,18 @@ class ReliabilityComparison:
         self._rowCallback = None
         self._runsCallback = None
         self._stopCallback = None
-        self._result = None
+        self._result: ReliabilityComparisonResult | None = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"ReliabilityComparison(methods={[method.name for method in self._methods]})"
 
-    def setComponents(self, function, composition, smoothIndices=None, surrogateComposition=None) -> None:
+    def setComponents(
+        self,
+        function: ot.Function,
+        composition: ot.Function,
+        smoothIndices: Sequence[int] | None = None,
+        surrogateComposition: ot.Function | None = None,
+    ) -> None:
         """Components for ActiveSubspace, see :meth:`ActiveSubspaceReliability.setComponents`."""
         self._components = (function, composition, smoothIndices, surrogateComposition)
 
@@ -178,10 +188,10 @@ class ReliabilityComparisonResult:
     FORM,0.001,,,,12,0,0.0,True,
     """
 
-    def __init__(self, rows: list[Row]):
+    def __init__(self, rows: list[Row]) -> None:
         self._rows = rows
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"ReliabilityComparisonResult(methods={[row.method for row in self._rows]})"
 
     def getRows(self) -> list[Row]:

@@ -1,11 +1,14 @@
 """Noise of a computed function."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 
-def estimate_noise(function, point, direction, spacing=1e-6):
+def estimate_noise(
+    function: Callable, point: np.ndarray, direction: np.ndarray, spacing: float = 1e-6
+) -> tuple[np.ndarray, int]:
     """Level of the noise of a computed function along a line (Moré and Wild, SIAM J. Sci. Comput. 33, 2011).
 
     Parameters

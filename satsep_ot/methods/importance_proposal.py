@@ -52,7 +52,7 @@ class GaussianMixture:
     -1.837877
     """
 
-    def __init__(self, weights: np.ndarray, means: np.ndarray, covariances: np.ndarray):
+    def __init__(self, weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> None:
         self.weights = weights
         self.means = means
         self.factors = np.linalg.cholesky(covariances)

@@ -1,6 +1,7 @@
 """Exponents of multivariate polynomials, ordered so that whole blocks of terms come from one multiplication."""
 
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -50,7 +51,9 @@ def total_degree_indices(dimension: int, degree: int, norm: float = 1.0) -> np.n
     return array
 
 
-def multiplication_runs(indices, parents, factors, first):
+def multiplication_runs(
+    indices: np.ndarray, parents: Sequence[tuple[int, ...]], factors: Sequence[tuple[int, ...]], first: int
+) -> list[tuple]:
     """Runs of consecutive terms that come from consecutive parents by the same factor.
 
     Parameters

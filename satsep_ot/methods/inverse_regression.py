@@ -21,7 +21,7 @@ def _checked(points, values, dimension, least):
     return points, values
 
 
-def slicedInverseRegression(points, values, dimension, slices=10):
+def slicedInverseRegression(points: np.ndarray, values: np.ndarray, dimension: int, slices: int = 10) -> np.ndarray:
     """Directions from the means of the inputs over slices of the output.
 
     Blind to functions that are even along a direction: there the means of all slices are 0.
@@ -72,7 +72,9 @@ def slicedInverseRegression(points, values, dimension, slices=10):
     return orient(linalg.qr(linalg.solve_triangular(triangle, right[:dimension].T), mode="economic")[0])
 
 
-def localLinearDirections(points, values, dimension, neighbours=None):
+def localLinearDirections(
+    points: np.ndarray, values: np.ndarray, dimension: int, neighbours: int | None = None
+) -> np.ndarray:
     """Directions from gradients of linear fits to the neighbours of each point.
 
     Parameters

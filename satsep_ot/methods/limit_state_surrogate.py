@@ -109,7 +109,7 @@ class LimitStateSurrogate:
         previous: "LimitStateSurrogate | None" = None,
         maximumDimension: int = 3,
         maximumDegree: int = 4,
-    ):
+    ) -> None:
         self.margin = margin
         self._training = u, values, weights
         self.inputs = u.shape[1]

@@ -8,7 +8,10 @@ import math
 import os
 import threading
 import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -58,11 +61,11 @@ class BlockSummary:
     counts: np.ndarray
 
     @staticmethod
-    def of(values: np.ndarray, events) -> "BlockSummary":
+    def of(values: np.ndarray, events: Sequence[tuple[int, ot.ComparisonOperator, float]]) -> "BlockSummary":
         """The summary of outputs (n, p); an event is (column, comparison operator, threshold)."""
         inside = [thresholdMargin(operator, limit)(values[:, column]) <= 0.0 for column, operator, limit in events]
-        counts = [np.count_nonzero(hits) for hits in inside]
-        counts.append(np.count_nonzero(np.any(inside, axis=0)) if inside else 0)
+        counts = [int(np.count_nonzero(hits)) for hits in inside]
+        counts.append(int(np.count_nonzero(np.any(inside, axis=0))) if inside else 0)
         mean = values.mean(axis=0)
         squares = ((values - mean) ** 2).sum(axis=0)
         return BlockSummary(
@@ -148,7 +151,9 @@ class MonteCarloStream:
     (1.41, 0.002)
     """
 
-    def __init__(self, function, inputs, size=None):
+    def __init__(
+        self, function: Any, inputs: ot.Distribution | np.ndarray | Iterable[np.ndarray], size: int | None = None
+    ) -> None:
         self._work = FunctionWork(function)
         dimension = self._work.function.getInputDimension()
         self._distribution = self._rows = None
@@ -176,10 +181,10 @@ class MonteCarloStream:
         self._progressCallback = None
         self._result = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"MonteCarloStream(size={self._size}, blockSize={self._blockSize}, events={list(self._events)})"
 
-    def setEvents(self, events):
+    def setEvents(self, events: Mapping[str, tuple[int | str, ot.ComparisonOperator, float]]) -> None:
         """Events to be counted.
 
         Parameters
@@ -200,27 +205,27 @@ class MonteCarloStream:
             found[name] = (column, operator, float(threshold))
         self._events = found
 
-    def setExecutor(self, executor):
+    def setExecutor(self, executor: Executor | Callable[[], Executor] | None) -> None:
         """What runs the blocks, as for :class:`~satsep_ot.methods.parallel_function.ParallelFunction`."""
         self._scheduler = ChunkScheduler(executor)
 
-    def getScheduler(self):
+    def getScheduler(self) -> ChunkScheduler:
         """The :class:`~satsep_ot.methods.chunk_scheduler.ChunkScheduler`, for time limit and attempts of a chunk."""
         return self._scheduler
 
-    def setBlockSize(self, size):
+    def setBlockSize(self, size: int) -> None:
         """Runs of a block (default 1024), which is drawn at once: the result depends on it, as on the seed."""
         if int(size) != size or size < 1:
             raise ValueError(f"the block size is {size}; a whole number from 1 on is allowed")
         self._blockSize = int(size)
 
-    def setChunkSize(self, size):
+    def setChunkSize(self, size: int) -> None:
         """Runs that a worker makes at once, rounded up to whole blocks (default 16 blocks)."""
         if int(size) != size or size < 1:
             raise ValueError(f"the chunk size is {size}; a whole number from 1 on is allowed")
         self._chunkBlocks = -(-int(size) // self._blockSize)
 
-    def setOutputFile(self, path, withInputs=False):
+    def setOutputFile(self, path: str | os.PathLike | None, withInputs: bool = False) -> None:
         """Keep the outputs of all runs, (N, p), or inputs and outputs, (N, n + p), in an .npy file; None for none.
 
         ``numpy.load(path, mmap_mode="r")`` reads it without memory. It has its name when it is complete.
@@ -228,20 +233,20 @@ class MonteCarloStream:
         self._file = None if path is None else Path(path)
         self._keeps = "none" if path is None else "both" if withInputs else "outputs"
 
-    def setCheckpointFile(self, path):
+    def setCheckpointFile(self, path: str | os.PathLike | None) -> None:
         """Continue from this file where it is there, and keep in it what is done; None (default) for neither.
 
         The result of a run that was interrupted and continued is that of one that was not.
         """
         self._checkpoint = None if path is None else Path(path)
 
-    def setProgressCallback(self, callback):
+    def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called with the share of the runs that is done [%]; None for nothing."""
         if callback is not None and not callable(callback):
             raise TypeError(f"the progress callback must be callable, got {type(callback).__name__}")
         self._progressCallback = callback
 
-    def run(self):
+    def run(self) -> None:
         """Make the runs.
 
         Raises
@@ -277,7 +282,7 @@ class MonteCarloStream:
         names = list(self._work.function.getOutputDescription())
         self._result = MonteCarloStreamResult(state.summary, names, list(self._events))
 
-    def getResult(self):
+    def getResult(self) -> "MonteCarloStreamResult":
         """The :class:`MonteCarloStreamResult` of the last run."""
         if self._result is None:
             raise RuntimeError("there is no result yet: call run() first")
@@ -437,57 +442,57 @@ class _State:
 class MonteCarloStreamResult:
     """What the runs of a :class:`MonteCarloStream` gave; see there."""
 
-    def __init__(self, summary, names, events):
+    def __init__(self, summary: BlockSummary, names: Sequence[str], events: Sequence[str]) -> None:
         self._summary, self._names, self._events = summary, names, events
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         counts = dict(zip([*self._events, "any of them"], self._summary.counts.tolist(), strict=True))
         return f"MonteCarloStreamResult(size={self._summary.size}, counts={counts})"
 
-    def getSize(self):
+    def getSize(self) -> int:
         """Number of runs."""
         return self._summary.size
 
-    def getOutputDescription(self):
+    def getOutputDescription(self) -> list[str]:
         """Names of the outputs."""
         return list(self._names)
 
-    def getMean(self):
+    def getMean(self) -> ot.Point:
         """Mean of each output, :py:class:`openturns.Point`."""
         return ot.Point(self._summary.mean)
 
-    def getStandardDeviation(self):
+    def getStandardDeviation(self) -> ot.Point:
         """Standard deviation of each output, :py:class:`openturns.Point`; 0 for a single run."""
         return ot.Point(np.sqrt(self._summary.squares / max(self._summary.size - 1, 1)))
 
-    def getMin(self):
+    def getMin(self) -> ot.Point:
         """Smallest value of each output, :py:class:`openturns.Point`."""
         return ot.Point(self._summary.least)
 
-    def getMax(self):
+    def getMax(self) -> ot.Point:
         """Largest value of each output, :py:class:`openturns.Point`."""
         return ot.Point(self._summary.most)
 
-    def getEventNames(self):
+    def getEventNames(self) -> list[str]:
         """Names of the events."""
         return list(self._events)
 
-    def getEventNumber(self, name=None):
+    def getEventNumber(self, name: str | None = None) -> int:
         """How many runs are in an event; in any of them by default."""
         if name is not None and name not in self._events:
             raise ValueError(f"'{name}' is no event of these runs; they have {', '.join(self._events) or 'none'}")
         return int(self._summary.counts[-1 if name is None else self._events.index(name)])
 
-    def getProbabilityEstimate(self, name=None):
+    def getProbabilityEstimate(self, name: str | None = None) -> float:
         """The share of the runs in an event; in any of them by default."""
         return self.getEventNumber(name) / self._summary.size
 
-    def getCoefficientOfVariation(self, name=None):
+    def getCoefficientOfVariation(self, name: str | None = None) -> float:
         """Of the probability estimate; infinite without a run in the event."""
         count = self.getEventNumber(name)
         return math.sqrt((1.0 - count / self._summary.size) / count) if count else math.inf
 
-    def getConfidenceInterval(self, level=0.95, name=None):
+    def getConfidenceInterval(self, level: float = 0.95, name: str | None = None) -> ot.Interval:
         """The exact (Clopper-Pearson) interval of the probability, :py:class:`openturns.Interval`."""
         if not 0.0 < level < 1.0:
             raise ValueError(f"the level is {level}; a number between 0 and 1 is allowed")

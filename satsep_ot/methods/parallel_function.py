@@ -1,7 +1,12 @@
 """An OpenTURNS function whose samples are evaluated by the workers of any executor."""
 
+from collections.abc import Callable
+from concurrent.futures import Executor
+from typing import Any
+
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
 from satsep_ot.methods.chunk_scheduler import Chunk, ChunkError, ChunkScheduler, Work
 
@@ -27,7 +32,7 @@ class FunctionWork:
     (array([[6.]]), (1, 2, 1))
     """
 
-    def __init__(self, function):
+    def __init__(self, function: Any) -> None:
         self.model = function
         self._function = None
 
@@ -118,7 +123,7 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
     [9]
     """
 
-    def __init__(self, function, executor=None):
+    def __init__(self, function: Any, executor: Executor | Callable[[], Executor] | None = None) -> None:
         work = FunctionWork(function)
         whole = work.function
         super().__init__(whole.getInputDimension(), whole.getOutputDimension())
@@ -133,7 +138,7 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         # A list that copies share: OpenTURNS works on copies, and hides what they raise in text.
         self._lastError = _Shared()
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"ParallelFunction(inputs={self.getInputDimension()}, outputs={self.getOutputDimension()}, "
             f"{self._scheduler!r})"
@@ -145,17 +150,17 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
     def __exit__(self, *exception):
         self.close()
 
-    def close(self):
+    def close(self) -> None:
         """End the executor, if a callable made it."""
         self._scheduler.close()
 
-    def setChunkSize(self, size):
+    def setChunkSize(self, size: int | None) -> None:
         """Points of a chunk; None (default) for four chunks to each worker, of 4096 points at most."""
         if size is not None and (int(size) != size or size < 1):
             raise ValueError(f"the chunk size is {size}; a whole number from 1 on or None is allowed")
         self._chunkSize = None if size is None else int(size)
 
-    def setTimeout(self, timeout):
+    def setTimeout(self, timeout: float | None) -> None:
         """Seconds that a chunk may take on its worker, None (default) for no limit; needs an executor.
 
         The process of a chunk that takes longer is ended, after it has written to its standard error where it was. A
@@ -163,29 +168,29 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         """
         self._scheduler.setTimeout(timeout)
 
-    def setMaximumAttempts(self, number):
+    def setMaximumAttempts(self, number: int) -> None:
         """How often a chunk is tried (default 3)."""
         self._scheduler.setMaximumAttempts(number)
 
-    def setPatience(self, seconds):
+    def setPatience(self, seconds: float) -> None:
         """How long a cluster may be without any worker before there is an error (default 300 s)."""
         self._scheduler.setPatience(seconds)
 
-    def setNonFiniteAllowed(self, allowed):
+    def setNonFiniteAllowed(self, allowed: bool) -> None:
         """Whether NaN and infinity are values that the function may have (default: no)."""
         self._nonFiniteAllowed = bool(allowed)
 
-    def setProgressCallback(self, callback):
+    def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called with the share of the sample that is done [%], chunk by chunk; None for nothing."""
         if callback is not None and not callable(callback):
             raise TypeError(f"the progress callback must be callable, got {type(callback).__name__}")
         self._progressCallback = callback
 
-    def getLastError(self):
+    def getLastError(self) -> "FunctionChunkError | None":
         """The last :class:`FunctionChunkError` of this function or a copy of it, None if there was none."""
         return self._lastError.error
 
-    def evaluate(self, X):
+    def evaluate(self, X: ArrayLike) -> np.ndarray:
         """Outputs at each row.
 
         Parameters
@@ -206,7 +211,7 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         return self._compute("evaluate", X, (self.getOutputDimension(),))
 
     @property
-    def computeGradientSample(self):
+    def computeGradientSample(self) -> Callable[[ArrayLike], np.ndarray]:
         """Gradients at each row: a method, X (N, n) to (N, n, p); it is there if the function has a gradient."""
         if not self._hasGradient:
             raise AttributeError("the function has no gradient of its own")
@@ -306,7 +311,7 @@ class FunctionChunkError(ChunkError):
     (1, [0], [[0.25]], True)
     """
 
-    def __init__(self, error, rows, values):
+    def __init__(self, error: ChunkError, rows: np.ndarray, values: np.ndarray) -> None:
         super().__init__(error.first, error.end, error.attempts, error.reason)
         self.rows, self.values = rows, values
 
@@ -314,7 +319,7 @@ class FunctionChunkError(ChunkError):
         return FunctionChunkError, (ChunkError(*ChunkError.__reduce__(self)[1]), self.rows, self.values)
 
 
-def wrongResult(result, shape, nonFiniteAllowed=False):
+def wrongResult(result: Any, shape: tuple[int, ...], nonFiniteAllowed: bool = False) -> str | None:
     """What is wrong with an array that should have this shape and be finite; None where nothing is.
 
     Examples

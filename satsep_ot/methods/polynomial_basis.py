@@ -6,6 +6,8 @@ the column-major matrix that LAPACK factorises in place.
 
 import functools
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -90,7 +92,7 @@ class PolynomialBasis:
     [1.0, 2.0, 3.0, 2.1213, 6.0, 5.6569]
     """
 
-    def __init__(self, dimension: int, degree: int, norm: float = 1.0, recurrence: np.ndarray | None = None):
+    def __init__(self, dimension: int, degree: int, norm: float = 1.0, recurrence: np.ndarray | None = None) -> None:
         if dimension < 0:
             raise ValueError(f"The dimension of a polynomial basis must be at least 0, got {dimension}.")
         if degree < 0:
@@ -117,7 +119,7 @@ class PolynomialBasis:
             for a, b, c in recurrence.transpose(1, 2, 0)
         ]
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"PolynomialBasis(dimension={self.dimension}, degree={self.degree}, size={self.size})"
 
     def _univariate(self, points, out=None):
@@ -292,7 +294,17 @@ class PolynomialFit:
         Condition number of the weighted design (an estimate in the 1-norm unless the rank is deficient).
     """
 
-    def __init__(self, basis, points, values, weights, coefficients, factor, rank, condition):
+    def __init__(
+        self,
+        basis: PolynomialBasis,
+        points: np.ndarray,
+        values: np.ndarray,
+        weights: np.ndarray,
+        coefficients: np.ndarray,
+        factor: Any,
+        rank: int,
+        condition: float,
+    ) -> None:
         self.basis = basis
         self.coefficients = coefficients
         self.rank = rank
@@ -305,7 +317,7 @@ class PolynomialFit:
         self._factor = factor
 
     @functools.cached_property
-    def residuals(self):
+    def residuals(self) -> np.ndarray:
         """Values minus predictions at the training points, not weighted."""
         return self._values - self.predict(self._points)
 
@@ -313,16 +325,16 @@ class PolynomialFit:
     def _prediction(self):
         return PolynomialPrediction(self.basis, self.coefficients.reshape(self.basis.size, -1))
 
-    def predict(self, points):
+    def predict(self, points: np.ndarray) -> np.ndarray:
         """Values at points (n, dimension): ndarray (n,) or (n, p)."""
         values = self._prediction.evaluate(points)
         return values[0] if self.coefficients.ndim == 1 else np.ascontiguousarray(values.T)
 
-    def predict_gradient(self, points):
+    def predict_gradient(self, points: np.ndarray) -> np.ndarray:
         """Gradients at points: ndarray (n, dimension) or (n, dimension, p)."""
         return self.basis.predict_gradient(points, self.coefficients)
 
-    def orthonormal_rows(self, points):
+    def orthonormal_rows(self, points: np.ndarray) -> np.ndarray:
         """Rows q (n, rank) with |q|^2 the variance of the prediction over the noise variance (weight 1)."""
         values = self.basis.evaluate(points)
         if self.rank < self.basis.size:
@@ -337,12 +349,12 @@ class PolynomialFit:
         return rows
 
     @functools.cached_property
-    def leverages(self):
+    def leverages(self) -> np.ndarray:
         """Diagonal (n,) of the hat matrix of the weighted problem."""
         return np.einsum("ij,ij->i", self._training_rows, self._training_rows)
 
     @property
-    def noise_variance(self):
+    def noise_variance(self) -> np.ndarray:
         """Weighted residual sum of squares over n - rank, per output (nan when n = rank)."""
         squares = self.residuals**2
         if self.weights is not None:
@@ -350,14 +362,14 @@ class PolynomialFit:
         freedom = len(squares) - self.rank
         return squares.sum(axis=0) / freedom if freedom else squares.sum(axis=0) * np.nan
 
-    def relative_covariance(self):
+    def relative_covariance(self) -> np.ndarray:
         """Covariance (size, size) of the coefficients over the noise variance."""
         half = self._factor
         if self.rank == self.basis.size:
             half = linalg.solve_triangular(self._factor, np.eye(self.rank), check_finite=False)
         return half @ half.T
 
-    def relative_variance(self, points):
+    def relative_variance(self, points: np.ndarray) -> np.ndarray:
         """Variance (n,) of the fitted mean over the noise variance."""
         points, variance = np.asarray(points), np.empty(len(points))
         # The rows of all points at once can be the largest array of a whole study.
@@ -367,7 +379,7 @@ class PolynomialFit:
             variance[start : start + block] = np.einsum("ij,ij->i", rows, rows)
         return variance
 
-    def leave_one_out(self):
+    def leave_one_out(self) -> np.ndarray:
         """Prediction errors of the fits without each point, e_i / (1 - h_i): same shape as the residuals.
 
         A point of leverage 1 cannot be predicted by the others: its error is infinite.
@@ -379,7 +391,7 @@ class PolynomialFit:
         errors[lost] = np.inf
         return errors
 
-    def k_fold(self, folds):
+    def k_fold(self, folds: Sequence[np.ndarray]) -> np.ndarray:
         """Prediction errors of the fits without each fold, (I - H_kk)^-1 e_k.
 
         Parameters

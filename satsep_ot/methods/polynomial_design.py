@@ -12,7 +12,7 @@ LEAST_GAIN = 1e-9
 GRID = np.linspace(-12.0, 12.0, 4801)
 
 
-def christoffelDesign(dimension, degree, size):
+def christoffelDesign(dimension: int, degree: int, size: int) -> tuple[np.ndarray, np.ndarray]:
     """Random points in the standard normal space, and weights, for total-degree least squares.
 
     The points follow the density phi(x) K(x) / P, with K(x) = sum_k psi_k(x)^2 over the P terms, and carry the
@@ -58,7 +58,7 @@ def christoffelDesign(dimension, degree, size):
     return points, basis.size / (basis.evaluate(points) ** 2).sum(axis=0)
 
 
-def dOptimalDesign(candidates, degree, size):
+def dOptimalDesign(candidates: np.ndarray, degree: int, size: int) -> np.ndarray:
     """Points out of candidates for which det(sum psi psi^T) of total-degree least squares is largest (locally).
 
     The first points are those of a pivoted QR of the candidates (approximate Fekete points of Sommariva and

@@ -7,6 +7,7 @@ import openturns as ot
 from scipy import optimize, special
 
 from satsep_ot.methods.polynomial_basis import hermite_recurrence
+from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegressionResult
 
 # Lines through the origin, evenly over the half circle, for two variables; a multiple of 4.
 PLANE_LINES = 512
@@ -62,7 +63,7 @@ class PolynomialDistribution:
     0.682689492 0.682689492
     """
 
-    def __init__(self, result, output=0):
+    def __init__(self, result: MultivariatePolynomialRegressionResult, output: int = 0) -> None:
         law = result.getDistribution()
         r = law.getDimension()
         if r > 3:
@@ -103,14 +104,14 @@ class PolynomialDistribution:
         ):
             self._power[:, order] += value * (directions**exponent).prod(axis=1)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"PolynomialDistribution(mean={self._mean:.6g}, standardDeviation={self._deviation:.6g})"
 
-    def getMean(self):
+    def getMean(self) -> float:
         """Mean of the polynomial."""
         return self._mean
 
-    def getStandardDeviation(self):
+    def getStandardDeviation(self) -> float:
         """Standard deviation of the polynomial."""
         return self._deviation
 
@@ -176,21 +177,21 @@ class PolynomialDistribution:
         # An interval between two infinite fill-ins is empty.
         return np.where(inside & (left < np.inf), mass, 0.0).sum(axis=1)
 
-    def computeCDF(self, threshold):
+    def computeCDF(self, threshold: float) -> float | np.ndarray:
         """P(p(Y) <= threshold)."""
         return self._probability(threshold, True)[0]
 
-    def computeComplementaryCDF(self, threshold):
+    def computeComplementaryCDF(self, threshold: float) -> float | np.ndarray:
         """P(p(Y) > threshold), not as a difference from 1."""
         return self._probability(threshold, False)[0]
 
-    def computeCDFError(self, threshold):
+    def computeCDFError(self, threshold: float) -> float | np.ndarray:
         """Error of both probabilities, the largest deviation of coarser rules; for one variable 0, up to rounding."""
         probability, error = self._probability(threshold, True)
         # The deviations are those of the smaller probability, where they are not lost beside 1.
         return error if probability < 0.5 else self._probability(threshold, False)[1]
 
-    def computePDF(self, threshold):
+    def computePDF(self, threshold: float) -> float | np.ndarray:
         """Density at the threshold.
 
         It is the sum over the roots of their density along the line / |p'(root)|, averaged over the lines. Where
@@ -200,7 +201,7 @@ class PolynomialDistribution:
         """
         return self._density(threshold)[0]
 
-    def computePDFError(self, threshold):
+    def computePDFError(self, threshold: float) -> float | np.ndarray:
         """Error of the density, the largest deviation of coarser rules; for one variable 0, up to rounding."""
         return self._density(threshold)[1]
 
@@ -230,7 +231,7 @@ class PolynomialDistribution:
         differenceError += abs(difference - self._average(sign * far / (4.0 * step))[0]) / 3.0
         return (density, error) if error <= differenceError else (difference, differenceError)
 
-    def computeQuantile(self, probability):
+    def computeQuantile(self, probability: float) -> float | np.ndarray:
         """Smallest value that p(Y) does not exceed with the given probability, in (0, 1)."""
         if not 0.0 < probability < 1.0:
             raise ValueError(f"The probability of a quantile must be in (0, 1), got {probability}.")
@@ -253,7 +254,7 @@ class PolynomialDistribution:
             high += width
         return float(optimize.brentq(excess, low, high, xtol=1e-13 * (abs(low) + abs(high)), rtol=1e-13))
 
-    def drawPDF(self, level=0.999):
+    def drawPDF(self, level: float = 0.999) -> ot.Graph:
         """Density between the quantiles that hold the middle ``level``, :py:class:`openturns.Graph`."""
         if not 0.0 < level < 1.0:
             raise ValueError(f"The level must be in (0, 1), got {level}.")

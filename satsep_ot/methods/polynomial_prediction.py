@@ -1,11 +1,15 @@
 """Polynomials with given coefficients, arranged so that many points are evaluated fast."""
 
 import functools
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from satsep_ot.methods.index_sets import multiplication_runs, total_degree_indices
 from satsep_ot.methods.single_thread import singleThread
+
+if TYPE_CHECKING:
+    from satsep_ot.methods.polynomial_basis import PolynomialBasis
 
 # Numbers evaluated together: the tables of one block stay in the second-level cache.
 BLOCK_NUMBERS = 1 << 17
@@ -44,7 +48,13 @@ class PolynomialPrediction:
     [[321.0, 1.0]]
     """
 
-    def __init__(self, basis, coefficients, centre=None, slope=None):
+    def __init__(
+        self,
+        basis: "PolynomialBasis",
+        coefficients: np.ndarray,
+        centre: np.ndarray | None = None,
+        slope: np.ndarray | None = None,
+    ) -> None:
         self._dimension = basis.dimension
         columns = np.asarray(coefficients, dtype=float).T
         self._constants = self._schemes = None
@@ -76,7 +86,7 @@ class PolynomialPrediction:
         self._centre = centre[:, None] if centre.any() else None
         self._slope = slope[:, None] if (slope != 1.0).any() else None
 
-    def evaluate(self, points):
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Values (p, n) at points (n, dimension)."""
         points = np.asarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != self._dimension:

@@ -3,11 +3,14 @@
 import dataclasses
 import functools
 import math
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
-from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial, hermite_recurrence
+from satsep_ot.methods.polynomial_basis import PolynomialBasis, PolynomialFit, fit_polynomial, hermite_recurrence
 from satsep_ot.methods.polynomial_prediction import PolynomialPrediction
 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
@@ -18,7 +21,7 @@ LOG_CHI_SQUARE = math.log(2.0) + np.euler_gamma
 HIGHEST_DEGREE = 10
 
 
-def shuffled_folds(size, folds):
+def shuffled_folds(size: int, folds: int) -> list[np.ndarray]:
     """Positions 0 to ``size`` - 1 in random blocks of nearly equal size, from ``ot.RandomGenerator``.
 
     Examples
@@ -80,7 +83,9 @@ class MultivariatePolynomialRegression:
     1.0 16.0
     """
 
-    def __init__(self, inputSample, outputSample, distribution=None):
+    def __init__(
+        self, inputSample: ArrayLike, outputSample: ArrayLike, distribution: ot.Distribution | None = None
+    ) -> None:
         self._points = np.array(inputSample, dtype=float)
         self._values = np.array(outputSample, dtype=float)
         if self._points.ndim != 2 or self._values.ndim != 2 or len(self._points) != len(self._values):
@@ -119,29 +124,29 @@ class MultivariatePolynomialRegression:
             )
         return distribution
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"MultivariatePolynomialRegression(size={len(self._points)}, inputs={self._points.shape[1]}, "
             f"outputs={self._values.shape[1]}, degree={self._degree})"
         )
 
-    def setDegree(self, degree):
+    def setDegree(self, degree: int) -> None:
         """Highest total degree, 0 to 10 (default 4)."""
         if int(degree) != degree or not 0 <= degree <= HIGHEST_DEGREE:
             raise ValueError(f"The degree must be an integer from 0 to {HIGHEST_DEGREE}, got {degree}.")
         self._degree = int(degree)
 
-    def getDegree(self):
+    def getDegree(self) -> int:
         """Highest total degree."""
         return self._degree
 
-    def setHyperbolicNorm(self, norm):
+    def setHyperbolicNorm(self, norm: float) -> None:
         """Norm q of the index set, in (0, 1]: 1 (default) is the total degree, less drops interactions."""
         if not 0.0 < norm <= 1.0:
             raise ValueError(f"The norm of the index set must be in (0, 1], got {norm}.")
         self._norm = float(norm)
 
-    def setWeights(self, weights):
+    def setWeights(self, weights: ArrayLike | None) -> None:
         """Weights (N,), not negative: the sum of weight times squared residual is minimised; None for equal ones."""
         if weights is not None:
             weights = np.array(weights, dtype=float).reshape(-1)
@@ -149,13 +154,13 @@ class MultivariatePolynomialRegression:
                 raise ValueError(f"The weights must be {len(self._points)} finite numbers >= 0.")
         self._weights = weights
 
-    def setRobust(self, robust):
+    def setRobust(self, robust: bool) -> None:
         """Huber's estimator by reweighting (one output): points far off the fit count less."""
         if robust and self._values.shape[1] != 1:
             raise ValueError(f"The robust fit needs one output, there are {self._values.shape[1]}.")
         self._robust = bool(robust)
 
-    def selectDegree(self, highest=4, folds=10):
+    def selectDegree(self, highest: int = 4, folds: int = 10) -> dict:
         """Set the degree by block cross-validation with parsimony.
 
         The smallest degree whose mean squared prediction error is within one standard error of the best one
@@ -254,7 +259,7 @@ class MultivariatePolynomialRegression:
             )
         return fit
 
-    def run(self):
+    def run(self) -> None:
         """Fit.
 
         Raises
@@ -268,7 +273,7 @@ class MultivariatePolynomialRegression:
             fit, self._points, self._values, reduction, self._descriptions
         )
 
-    def getResult(self):
+    def getResult(self) -> "MultivariatePolynomialRegressionResult":
         """The :class:`MultivariatePolynomialRegressionResult` of the last run."""
         if self._result is None:
             raise RuntimeError("There is no result yet: call run() first.")
@@ -289,7 +294,9 @@ class MultivariatePolynomialRegressionResult:
     True
     """
 
-    def __init__(self, fit, points, values, reduction, descriptions):
+    def __init__(
+        self, fit: PolynomialFit, points: np.ndarray, values: np.ndarray, reduction: Any, descriptions: Any
+    ) -> None:
         self._fit = fit
         self._points = points
         self._values = values
@@ -297,41 +304,41 @@ class MultivariatePolynomialRegressionResult:
         self._descriptions = descriptions
         self._metaModel = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"MultivariatePolynomialRegressionResult(size={len(self._points)}, degree={self.getDegree()}, "
             f"terms={self._fit.basis.size})"
         )
 
-    def getDegree(self):
+    def getDegree(self) -> int:
         """Highest total degree."""
         return self._fit.basis.degree
 
-    def getDistribution(self):
+    def getDistribution(self) -> ot.Distribution:
         """Law of the inputs under which the polynomials are orthonormal."""
         return self._reduction.law
 
-    def getInputSample(self):
+    def getInputSample(self) -> ot.Sample:
         """Inputs, :py:class:`openturns.Sample` (N, d)."""
         return ot.Sample(self._points)
 
-    def getOutputSample(self):
+    def getOutputSample(self) -> ot.Sample:
         """Outputs, :py:class:`openturns.Sample` (N, p)."""
         return ot.Sample(self._values)
 
-    def getIndices(self):
+    def getIndices(self) -> np.ndarray:
         """Exponents of each term, ndarray of int (P, d); the first is the constant."""
         return self._fit.basis.indices.copy()
 
-    def getCoefficients(self):
+    def getCoefficients(self) -> ot.Sample:
         """Coefficients, :py:class:`openturns.Sample` (P, p)."""
         return ot.Sample(self._fit.coefficients)
 
-    def getRank(self):
+    def getRank(self) -> int:
         """Numerical rank of the weighted design, which is its number of terms."""
         return self._fit.rank
 
-    def getConditionNumber(self):
+    def getConditionNumber(self) -> float:
         """Condition number of the weighted design (estimate in the 1-norm)."""
         return float(self._fit.condition)
 
@@ -340,20 +347,20 @@ class MultivariatePolynomialRegressionResult:
         reduction = self._reduction
         return PolynomialPrediction(self._fit.basis, self._fit.coefficients, reduction.centre, reduction.slope)
 
-    def evaluate(self, points):
+    def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Predictions on arrays, (n, d) to (n, p); the fast way."""
         return np.ascontiguousarray(self._prediction.evaluate(points).T)
 
-    def computeGradient(self, points):
+    def computeGradient(self, points: np.ndarray) -> np.ndarray:
         """Gradients at points (n, d): ndarray (n, d, p)."""
         return self._fit.predict_gradient(self._reduction.apply(points)) * self._reduction.slope[:, None]
 
-    def computeHessian(self, points):
+    def computeHessian(self, points: np.ndarray) -> np.ndarray:
         """Second derivatives at points (n, d): ndarray (n, d, d, p)."""
         hessian = self._fit.basis.predict_hessian(self._reduction.apply(points), self._fit.coefficients)
         return hessian * (self._reduction.slope[:, None] * self._reduction.slope)[:, :, None]
 
-    def getMetaModel(self):
+    def getMetaModel(self) -> ot.Function:
         """The polynomial as a native :py:class:`openturns.Function` with exact derivatives."""
         if self._metaModel is None:
             basis = self._fit.basis
@@ -373,11 +380,13 @@ class MultivariatePolynomialRegressionResult:
             self._metaModel = metaModel
         return self._metaModel
 
-    def getMetaModelResult(self):
+    def getMetaModelResult(self) -> ot.MetaModelResult:
         """An :py:class:`openturns.MetaModelResult` of the samples and the native function."""
         return ot.MetaModelResult(ot.Sample(self._points), ot.Sample(self._values), self.getMetaModel())
 
-    def getMetaModelValidation(self, inputSample=None, outputSample=None):
+    def getMetaModelValidation(
+        self, inputSample: ArrayLike | None = None, outputSample: ArrayLike | None = None
+    ) -> ot.MetaModelValidation:
         """An :py:class:`openturns.MetaModelValidation`.
 
         On the sample given; without one on the leave-one-out predictions of the training sample, not on its fit.
@@ -391,15 +400,15 @@ class MultivariatePolynomialRegressionResult:
             ot.Sample(np.asarray(outputSample, dtype=float)), self.getMetaModel()(inputSample)
         )
 
-    def getResiduals(self):
+    def getResiduals(self) -> ot.Sample:
         """Observed minus fitted, :py:class:`openturns.Sample` (N, p)."""
         return ot.Sample(self._fit.residuals)
 
-    def getLeverages(self):
+    def getLeverages(self) -> ot.Point:
         """Leverages, :py:class:`openturns.Point` (N)."""
         return ot.Point(self._fit.leverages)
 
-    def getNoiseVariance(self):
+    def getNoiseVariance(self) -> ot.Point:
         """Unbiased estimate of the noise variance of each output (that of weight 1).
 
         Raises
@@ -411,11 +420,11 @@ class MultivariatePolynomialRegressionResult:
             raise ValueError(f"{len(self._points)} points and as many terms leave no residual to estimate noise from.")
         return ot.Point(self._fit.noise_variance)
 
-    def getLeaveOneOutResiduals(self):
+    def getLeaveOneOutResiduals(self) -> ot.Sample:
         """Errors of the fits without each point, e_i / (1 - h_i), :py:class:`openturns.Sample` (N, p)."""
         return ot.Sample(self._fit.leave_one_out())
 
-    def getKFoldResiduals(self, folds=10):
+    def getKFoldResiduals(self, folds: int | Sequence[ArrayLike] = 10) -> ot.Sample:
         """Errors of the fits without each block, (I - H_kk)^-1 e_k, :py:class:`openturns.Sample` (N, p).
 
         Parameters
@@ -435,23 +444,23 @@ class MultivariatePolynomialRegressionResult:
             raise ValueError("An output is constant over the sample: Q2 is not defined for it.")
         return ot.Point(1.0 - (np.asarray(errors) ** 2).sum(axis=0) / spread)
 
-    def getR2(self):
+    def getR2(self) -> ot.Point:
         """1 - residual over total sum of squares of each output, on the training sample."""
         return self._q2(self._fit.residuals)
 
-    def getQ2LeaveOneOut(self):
+    def getQ2LeaveOneOut(self) -> ot.Point:
         """1 - leave-one-out over total sum of squares of each output."""
         return self._q2(self._fit.leave_one_out())
 
-    def getQ2KFold(self, folds=10):
+    def getQ2KFold(self, folds: int | Sequence[ArrayLike] = 10) -> ot.Point:
         """1 - sum of squares of the block cross-validation over the total one, of each output."""
         return self._q2(self.getKFoldResiduals(folds))
 
-    def getCoefficientsCovariance(self, output=0):
+    def getCoefficientsCovariance(self, output: int = 0) -> ot.CovarianceMatrix:
         """Covariance of the coefficients of one output, :py:class:`openturns.CovarianceMatrix` (P, P)."""
         return ot.CovarianceMatrix(self.getNoiseVariance()[output] * self._fit.relative_covariance())
 
-    def getCoefficientsInterval(self, level=0.95, output=0):
+    def getCoefficientsInterval(self, level: float = 0.95, output: int = 0) -> ot.Interval:
         """Student intervals of the coefficients of one output, :py:class:`openturns.Interval` (P)."""
         deviation = np.sqrt(np.array(self.getCoefficientsCovariance(output)).diagonal())
         half = self._quantile(level) * deviation
@@ -463,7 +472,7 @@ class MultivariatePolynomialRegressionResult:
             raise ValueError(f"The confidence level must be in (0, 1), got {level}.")
         return ot.Student(float(len(self._points) - self._fit.rank)).computeQuantile(0.5 + 0.5 * level)[0]
 
-    def getPredictionVariance(self, points, noise=True):
+    def getPredictionVariance(self, points: np.ndarray, noise: bool = True) -> np.ndarray:
         """Variance of predictions at points (n, d): ndarray (n, p).
 
         Parameters
@@ -474,14 +483,16 @@ class MultivariatePolynomialRegressionResult:
         relative = self._fit.relative_variance(self._reduction.apply(points))
         return (relative + (1.0 if noise else 0.0))[:, None] * np.array(self.getNoiseVariance())
 
-    def getPredictionInterval(self, points, level=0.95, noise=True):
+    def getPredictionInterval(
+        self, points: np.ndarray, level: float = 0.95, noise: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Student intervals of predictions at points (n, d): lower and upper ndarray, each (n, p)."""
         quantile = self._quantile(level)
         half = quantile * np.sqrt(self.getPredictionVariance(points, noise))
         mean = self.evaluate(points)
         return mean - half, mean + half
 
-    def computeSpread(self, points):
+    def computeSpread(self, points: np.ndarray) -> np.ndarray:
         """Standard deviation of the outputs about the polynomial at points (n, d), which may vary: ndarray (n, p).
 
         Where the inputs are active variables, it is that of g given y. The logarithm of the squared leave-one-out
@@ -506,21 +517,21 @@ class MultivariatePolynomialRegressionResult:
         spread = fit_polynomial(basis, self._reduction.apply(self._points), logarithm, weights)
         return np.exp(0.5 * spread.predict(self._reduction.apply(points)))
 
-    def getMean(self):
+    def getMean(self) -> ot.Point:
         """Mean of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
         return ot.Point(self._fit.coefficients[0])
 
-    def getVariance(self):
+    def getVariance(self) -> ot.Point:
         """Variance of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
         return ot.Point((self._fit.coefficients[1:] ** 2).sum(axis=0))
 
-    def getSample(self, size):
+    def getSample(self, size: int) -> ot.Sample:
         """Outputs of the polynomial at inputs sampled from their law, :py:class:`openturns.Sample` (size, p)."""
         sample = ot.Sample(self.evaluate(np.array(self._reduction.law.getSample(size))))
         sample.setDescription(self.getMetaModel().getOutputDescription())
         return sample
 
-    def getKernelDistribution(self, size=100_000, output=0):
+    def getKernelDistribution(self, size: int = 100_000, output: int = 0) -> ot.KernelSmoothing:
         """Law of one output by kernel smoothing of a sample, an :py:class:`openturns.Distribution`.
 
         For any number of variables; for one to three standard normal ones
@@ -535,17 +546,17 @@ class MultivariatePolynomialRegressionResult:
             raise ValueError(f"Output {output} of the polynomial is constant: it has no Sobol indices.")
         return float(coefficients[selected].sum() / total)
 
-    def getSobolIndex(self, variables, output=0):
+    def getSobolIndex(self, variables: int | Sequence[int], output: int = 0) -> float:
         """Sobol index of one input (int) or the interaction index of several (sequence of int)."""
         inside = np.zeros(self._fit.basis.dimension, dtype=bool)
         inside[np.atleast_1d(variables)] = True
         return self._share(((self._fit.basis.indices > 0) == inside).all(axis=1), output)
 
-    def getTotalSobolIndex(self, variable, output=0):
+    def getTotalSobolIndex(self, variable: int, output: int = 0) -> float:
         """Total Sobol index of one input."""
         return self._share(self._fit.basis.indices[:, variable] > 0, output)
 
-    def getGradientMatrix(self, output=0):
+    def getGradientMatrix(self, output: int = 0) -> ot.Matrix:
         """Expected outer product of the polynomial's gradient, E[grad grad^T], :py:class:`openturns.Matrix` (d, d).
 
         Exact from the coefficients, since the derivative has coefficients in the same orthonormal basis.

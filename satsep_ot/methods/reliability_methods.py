@@ -7,14 +7,16 @@ import abc
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import openturns as ot
 import openturns.experimental as otexp
+from numpy.typing import ArrayLike
 
 from satsep_ot.methods.limit_state_event import Limit, callFunction
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.reliability_result import clopperPearson
+from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
 from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.variable_projection import fit_ridge
 
@@ -32,7 +34,7 @@ class Counter:
         Called with the inputs (n, d) and outputs (n, p) of every evaluation.
     """
 
-    def __init__(self, record: Callable[[np.ndarray, np.ndarray], None] | None = None):
+    def __init__(self, record: Callable[[np.ndarray, np.ndarray], None] | None = None) -> None:
         self.evaluations = 0
         self.gradients = 0
         self.record = record
@@ -177,12 +179,12 @@ class ReliabilityMethod(abc.ABC):
     def run(self, problem: CountedProblem) -> Row:
         """Estimate; evaluations, gradients and seconds of the row are filled in by the comparison."""
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         settings = ", ".join(f"{key}={value!r}" for key, value in vars(self).items())
         return f"{type(self).__name__}({settings})"
 
 
-def raiseInterrupt(error):
+def raiseInterrupt(error: BaseException) -> None:
     """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
     if "KeyboardInterrupt" in str(error):
         raise KeyboardInterrupt from error
@@ -216,22 +218,24 @@ class ActiveSubspace(ReliabilityMethod):
 
     name = "ActiveSubspace"
 
-    def __init__(self, targetCoefficientOfVariation=0.05, maximumEvaluations=5000, mode="fast"):
+    def __init__(
+        self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 5000, mode: str = "fast"
+    ) -> None:
         self.targetCoefficientOfVariation = targetCoefficientOfVariation
         self.maximumEvaluations = maximumEvaluations
         self.mode = mode
 
-    def getLastResult(self):
+    def getLastResult(self) -> ActiveSubspaceReliabilityResult:
         """The `ActiveSubspaceReliabilityResult` of the last run."""
         return self._result
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"{type(self).__name__}(targetCoefficientOfVariation={self.targetCoefficientOfVariation}, "
             f"maximumEvaluations={self.maximumEvaluations}, mode={self.mode!r})"
         )
 
-    def run(self, problem):
+    def run(self, problem: CountedProblem) -> Row:
         algorithm = ActiveSubspaceReliability(problem.event)
         if problem.components is not None:
             algorithm.setComponents(*problem.components)
@@ -269,7 +273,7 @@ class SafeActiveSubspace(ActiveSubspace):
 
     name = "SafeActiveSubspace"
 
-    def __init__(self, targetCoefficientOfVariation=0.05, maximumEvaluations=20_000):
+    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 20_000) -> None:
         super().__init__(targetCoefficientOfVariation, maximumEvaluations, "safe")
 
 
@@ -296,11 +300,11 @@ class FORM(ReliabilityMethod):
 
     name = "FORM"
 
-    def __init__(self, maximumIterations=100, start=0.1):
+    def __init__(self, maximumIterations: int = 100, start: float = 0.1) -> None:
         self.maximumIterations = maximumIterations
         self.start = start
 
-    def solve(self, problem, algorithmClass):
+    def solve(self, problem: CountedProblem, algorithmClass: Any) -> tuple[Any, bool, str]:
         """Result of FORM or SORM, whether the design point was reached, and a note."""
         space = StandardSpace(problem.distribution)
         start = space.toPhysical(np.full((1, space.getDimension()), self.start))[0]
@@ -325,7 +329,7 @@ class FORM(ReliabilityMethod):
             return result, optimum.getStatus() == ot.OptimizationResult.SUCCESS, "; ".join(notes)
         raise RuntimeError("no solver reached the limit state: " + "; ".join(notes))
 
-    def run(self, problem):
+    def run(self, problem: CountedProblem) -> Row:
         result, converged, note = self.solve(problem, ot.FORM)
         return Row(self.name, result.getEventProbability(), converged=converged, note=note)
 
@@ -347,11 +351,11 @@ class MultiFORM(FORM):
 
     name = "MultiFORM"
 
-    def __init__(self, maximumDesignPoints=4, maximumIterations=100, start=0.1):
+    def __init__(self, maximumDesignPoints: int = 4, maximumIterations: int = 100, start: float = 0.1) -> None:
         super().__init__(maximumIterations, start)
         self.maximumDesignPoints = maximumDesignPoints
 
-    def run(self, problem):
+    def run(self, problem: CountedProblem) -> Row:
         space = StandardSpace(problem.distribution)
         solver = ot.AbdoRackwitz()
         solver.setStartingPoint(space.toPhysical(np.full((1, space.getDimension()), self.start))[0])
@@ -382,7 +386,7 @@ class SORM(FORM):
     name = "SORM"
     formula = "Breitung"
 
-    def run(self, problem):
+    def run(self, problem: CountedProblem) -> Row:
         result, converged, note = self.solve(problem, ot.SORM)
         for formula in ("Breitung", "Hohenbichler", "Tvedt"):
             try:
@@ -434,11 +438,11 @@ class MonteCarlo(ReliabilityMethod):
     name = "MonteCarlo"
     fixedSize = True
 
-    def __init__(self, size=1_000_000, blockSize=50_000):
+    def __init__(self, size: int = 1_000_000, blockSize: int = 50_000) -> None:
         self.size = int(size)
         self.blockSize = int(blockSize)
 
-    def run(self, problem):
+    def run(self, problem: CountedProblem) -> Row:
         failures = done = 0
         stopped = False
         while done < self.size and not stopped:
@@ -459,10 +463,10 @@ class SimulationMethod(ReliabilityMethod):
     interval_note = ""
 
     @abc.abstractmethod
-    def build(self, problem: CountedProblem):
+    def build(self, problem: CountedProblem) -> Any:
         """The OpenTURNS algorithm, ready to run."""
 
-    def run(self, problem):
+    def run(self, problem: CountedProblem) -> Row:
         algorithm = self.build(problem)
         algorithm.run()
         result = algorithm.getResult()
@@ -475,7 +479,7 @@ class SimulationMethod(ReliabilityMethod):
         lower, upper = _logNormalInterval(probability, variation)
         return Row(self.name, probability, lower, upper, variation, converged=True, note=self.interval_note)
 
-    def incomplete(self, problem: CountedProblem, algorithm) -> str:
+    def incomplete(self, problem: CountedProblem, algorithm: Any) -> str:
         """Why the result does not stand for the event; empty when it does."""
         return ""
 
@@ -501,11 +505,11 @@ class SubsetSampling(SimulationMethod):
     fixedSize = True
     interval_note = "the claimed error takes the levels for independent, so the interval is somewhat short"
 
-    def __init__(self, levelSize=4000, conditionalProbability=0.1):
+    def __init__(self, levelSize: int = 4000, conditionalProbability: float = 0.1) -> None:
         self.levelSize = int(levelSize)
         self.conditionalProbability = conditionalProbability
 
-    def build(self, problem):
+    def build(self, problem: CountedProblem) -> Any:
         algorithm = ot.SubsetSampling(problem.event)
         block = max(int(self.conditionalProbability * self.levelSize), 1)
         algorithm.setBlockSize(block)
@@ -513,7 +517,7 @@ class SubsetSampling(SimulationMethod):
         algorithm.setConditionalProbability(self.conditionalProbability)
         return algorithm
 
-    def incomplete(self, problem, algorithm):
+    def incomplete(self, problem: CountedProblem, algorithm: Any) -> str:
         # OpenTURNS reports the product of its levels also where they stop short of the event.
         reached = algorithm.getThresholdPerStep()[-1]
         if reached == problem.event.getThreshold():
@@ -541,11 +545,11 @@ class ImportanceSampling(SimulationMethod):
     name = "ImportanceSampling"
     algorithmClass = ot.PostAnalyticalImportanceSampling
 
-    def __init__(self, targetCoefficientOfVariation=0.05, maximumEvaluations=20_000):
+    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 20_000) -> None:
         self.targetCoefficientOfVariation = targetCoefficientOfVariation
         self.maximumEvaluations = maximumEvaluations
 
-    def build(self, problem):
+    def build(self, problem: CountedProblem) -> Any:
         result, converged, note = FORM().solve(problem, ot.FORM)
         if not converged:
             raise RuntimeError(f"FORM has no design point to sample around: {note}")
@@ -584,16 +588,18 @@ class ExperimentSampling(SimulationMethod):
     blockSize : int
     """
 
-    def __init__(self, targetCoefficientOfVariation=0.05, maximumEvaluations=1_000_000, blockSize=10_000):
+    def __init__(
+        self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 1_000_000, blockSize: int = 10_000
+    ) -> None:
         self.targetCoefficientOfVariation = targetCoefficientOfVariation
         self.maximumEvaluations = maximumEvaluations
         self.blockSize = blockSize
 
     @abc.abstractmethod
-    def experiment(self, problem: CountedProblem):
+    def experiment(self, problem: CountedProblem) -> None:
         """The design of one block."""
 
-    def build(self, problem):
+    def build(self, problem: CountedProblem) -> Any:
         algorithm = ot.ProbabilitySimulationAlgorithm(problem.event, self.experiment(problem))
         return _limited(algorithm, self.targetCoefficientOfVariation, self.maximumEvaluations, self.blockSize)
 
@@ -611,7 +617,7 @@ class LatinHypercube(ExperimentSampling):
 
     name = "LatinHypercube"
 
-    def experiment(self, problem):
+    def experiment(self, problem: CountedProblem) -> ot.WeightedExperiment:
         experiment = ot.LHSExperiment()
         experiment.setAlwaysShuffle(True)
         return experiment
@@ -629,7 +635,7 @@ class QuasiMonteCarlo(ExperimentSampling):
 
     name = "QuasiMonteCarlo"
 
-    def experiment(self, problem):
+    def experiment(self, problem: CountedProblem) -> ot.WeightedExperiment:
         sequence = ot.SobolSequence(problem.distribution.getDimension())
         experiment = ot.LowDiscrepancyExperiment(sequence, 1, False)
         experiment.setRandomize(True)
@@ -640,12 +646,13 @@ class LevelMethod(SimulationMethod):
     """An algorithm of OpenTURNS that fits its density level by level, with a fixed number of points each."""
 
     fixedSize = True
+    algorithm: Callable[[ot.ThresholdEvent, float], Any]
 
-    def __init__(self, levelSize, quantile):
+    def __init__(self, levelSize: int, quantile: float) -> None:
         self.levelSize = levelSize
         self.quantile = quantile
 
-    def build(self, problem):
+    def build(self, problem: CountedProblem) -> Any:
         algorithm = self.algorithm(problem.event, self.quantile)
         algorithm.setBlockSize(1000)
         algorithm.setMaximumOuterSampling(math.ceil(self.levelSize / 1000))
@@ -672,7 +679,7 @@ class CrossEntropy(LevelMethod):
     name = "CrossEntropy"
     algorithm = ot.StandardSpaceCrossEntropyImportanceSampling
 
-    def __init__(self, levelSize=4000, quantile=0.1):
+    def __init__(self, levelSize: int = 4000, quantile: float = 0.1) -> None:
         super().__init__(levelSize, quantile)
 
 
@@ -693,11 +700,11 @@ class DirectionalSampling(SimulationMethod):
 
     name = "DirectionalSampling"
 
-    def __init__(self, targetCoefficientOfVariation=0.05, maximumDirections=5000):
+    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumDirections: int = 5000) -> None:
         self.targetCoefficientOfVariation = targetCoefficientOfVariation
         self.maximumDirections = maximumDirections
 
-    def build(self, problem):
+    def build(self, problem: CountedProblem) -> Any:
         algorithm = ot.DirectionalSampling(problem.event)
         return _limited(algorithm, self.targetCoefficientOfVariation, self.maximumDirections)
 
@@ -719,18 +726,18 @@ class LineSampling(SimulationMethod):
 
     name = "LineSampling"
 
-    def __init__(self, targetCoefficientOfVariation=0.05, maximumLines=1000):
+    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumLines: int = 1000) -> None:
         self.targetCoefficientOfVariation = targetCoefficientOfVariation
         self.maximumLines = maximumLines
 
-    def direction(self, problem: CountedProblem):
+    def direction(self, problem: CountedProblem) -> ArrayLike:
         """Direction of the lines in standard space."""
         result, converged, note = FORM().solve(problem, ot.FORM)
         if not converged:
             raise RuntimeError(f"FORM has no design point to take the direction from: {note}")
         return result.getStandardSpaceDesignPoint()
 
-    def build(self, problem):
+    def build(self, problem: CountedProblem) -> Any:
         # With OpenTURNS' own step of 1 a limit state at a whole distance is lost on half of the lines.
         roots = ot.SafeAndSlow(ot.Brent(), _LARGEST_DISTANCE, _ROOT_STEP)
         algorithm = otexp.LineSampling(problem.event, self.direction(problem), roots)
@@ -756,7 +763,7 @@ class ActiveLineSampling(LineSampling):
 
     name = "ActiveLineSampling"
 
-    def direction(self, problem):
+    def direction(self, problem: CountedProblem) -> ArrayLike:
         space = StandardSpace(problem.distribution)
         u = space.generateSample(2 * (space.getDimension() + 2))
         margins = Limit.of(problem.event).margin(callFunction(problem.event.getFunction(), space.toPhysical(u)))
@@ -795,10 +802,10 @@ class NAIS(LevelMethod):
     name = "NAIS"
 
     @staticmethod
-    def algorithm(event, quantile):
+    def algorithm(event: ot.ThresholdEvent, quantile: float) -> Any:
         return ot.NAIS(ot.StandardEvent(event), quantile)
 
-    def __init__(self, levelSize=2000, quantile=0.1):
+    def __init__(self, levelSize: int = 2000, quantile: float = 0.1) -> None:
         super().__init__(levelSize, quantile)
 
 

@@ -8,7 +8,7 @@ import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -65,7 +65,7 @@ def syncDirectory(path: str | os.PathLike) -> None:
         os.close(directory)
 
 
-def toXML(thing) -> str:
+def toXML(thing: Any) -> str:
     """An OpenTURNS object as XML text."""
     with _file() as path:
         study = ot.Study()
@@ -75,7 +75,7 @@ def toXML(thing) -> str:
         return path.read_text(encoding="utf-8")
 
 
-def fromXML(text: str, thing):
+def fromXML(text: str, thing: Any) -> Any:
     """Fill an empty OpenTURNS object of the right class from `toXML`'s text, and return it.
 
     Raises
@@ -117,7 +117,7 @@ def _file():
         yield Path(directory) / "object.xml"
 
 
-def writeResult(path, fields: dict) -> None:
+def writeResult(path: str | os.PathLike, fields: dict) -> None:
     """Write named fields: plain values, dataclasses of arrays and OpenTURNS objects.
 
     An event whose function is in Python is left out: it would be stored as code that runs on loading.
@@ -137,7 +137,7 @@ def writeResult(path, fields: dict) -> None:
         else:
             document[name] = _plain(value)
     arrays["document"] = np.array(json.dumps(document))
-    writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))
+    writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))  # type: ignore[arg-type]
 
 
 def _plain(value):
@@ -151,7 +151,7 @@ def _plain(value):
         return None
 
 
-def readResult(path, classes: dict) -> dict:
+def readResult(path: str | os.PathLike, classes: dict) -> dict:
     """The fields that `writeResult` has written.
 
     Parameters

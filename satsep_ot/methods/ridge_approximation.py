@@ -4,16 +4,21 @@ import math
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
 from satsep_ot.methods.active_variables import (
     activeTransformation,
     drawSufficientSummary,
     inverseActiveTransformation,
 )
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression, shuffled_folds
+from satsep_ot.methods.polynomial_regression import (
+    MultivariatePolynomialRegression,
+    MultivariatePolynomialRegressionResult,
+    shuffled_folds,
+)
 from satsep_ot.methods.single_thread import singleThread
 from satsep_ot.methods.standard_space import StandardSpace
-from satsep_ot.methods.variable_projection import cross_validate_ridge, fit_ridge
+from satsep_ot.methods.variable_projection import RidgeFit, cross_validate_ridge, fit_ridge
 
 
 class RidgeApproximation:
@@ -50,7 +55,7 @@ class RidgeApproximation:
     1 2 0.5
     """
 
-    def __init__(self, inputSample, outputSample, distribution):
+    def __init__(self, inputSample: ArrayLike, outputSample: ArrayLike, distribution: ot.Distribution) -> None:
         self._space = StandardSpace(distribution)
         physical = np.array(inputSample, dtype=float)
         self._values = np.array(outputSample, dtype=float)
@@ -83,31 +88,31 @@ class RidgeApproximation:
         self._folds = 5
         self._result = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"RidgeApproximation(size={len(self._points)}, inputs={self._points.shape[1]}, "
             f"dimension={self._dimension}, degree={self._degree})"
         )
 
-    def setDimension(self, dimension):
+    def setDimension(self, dimension: int | None) -> None:
         """Number of directions, 0 to d, or None (default) to choose it up to the largest."""
         if dimension is not None and not 0 <= dimension <= self._points.shape[1]:
             raise ValueError(f"The dimension must be 0 to {self._points.shape[1]}, got {dimension}.")
         self._dimension = dimension
 
-    def setLargestDimension(self, dimension):
+    def setLargestDimension(self, dimension: int) -> None:
         """Largest dimension of the automatic choice (default 3)."""
         if not 0 <= dimension <= self._points.shape[1]:
             raise ValueError(f"The largest dimension must be 0 to {self._points.shape[1]}, got {dimension}.")
         self._largestDimension = dimension
 
-    def setDegree(self, degree):
+    def setDegree(self, degree: int | None) -> None:
         """Total degree, 1 to 10, or None (default) to choose it up to 4."""
         if degree is not None and not 1 <= degree <= 10:
             raise ValueError(f"The degree must be 1 to 10, got {degree}.")
         self._degree = degree
 
-    def setWeights(self, weights):
+    def setWeights(self, weights: ArrayLike | None) -> None:
         """Weights (N,), not negative; None for equal ones. A point of weight 0 takes no part."""
         if weights is not None:
             weights = np.array(weights, dtype=float).reshape(-1)
@@ -119,20 +124,20 @@ class RidgeApproximation:
                 )
         self._weights = weights
 
-    def setStartsNumber(self, starts):
+    def setStartsNumber(self, starts: int) -> None:
         """Random starts beside those of the quadratic fit (default 2)."""
         if starts < 0:
             raise ValueError(f"The number of random starts must be at least 0, got {starts}.")
         self._starts = starts
 
-    def setFoldsNumber(self, folds):
+    def setFoldsNumber(self, folds: int) -> None:
         """Folds of the cross-validation (default 5)."""
         if not 2 <= folds <= len(self._points):
             raise ValueError(f"The number of folds must be 2 to {len(self._points)}, got {folds}.")
         self._folds = folds
 
     @singleThread()
-    def run(self):
+    def run(self) -> None:
         """Choose dimension and degree by cross-validation where they are open, and fit."""
         d = self._points.shape[1]
         weight = np.ones(len(self._points)) if self._weights is None else self._weights
@@ -164,7 +169,7 @@ class RidgeApproximation:
             self._space, self._physical, self._points, self._values, self._weights, fit, k, q2
         )
 
-    def getResult(self):
+    def getResult(self) -> "RidgeApproximationResult":
         """The :class:`RidgeApproximationResult` of the last run."""
         if self._result is None:
             raise RuntimeError("There is no result yet: call run() first.")
@@ -190,7 +195,17 @@ class RidgeApproximationResult:
     True
     """
 
-    def __init__(self, space, physical, points, values, weights, fit, degree, q2):
+    def __init__(
+        self,
+        space: StandardSpace,
+        physical: np.ndarray,
+        points: np.ndarray,
+        values: np.ndarray,
+        weights: np.ndarray | None,
+        fit: RidgeFit,
+        degree: int,
+        q2: dict[tuple[int, int], float],
+    ) -> None:
         self._space = space
         self._physical = physical
         self._points = points
@@ -201,49 +216,49 @@ class RidgeApproximationResult:
         self._q2 = q2
         self._regression = None
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"RidgeApproximationResult(inputs={self._points.shape[1]}, dimension={self.getDimension()}, "
             f"degree={self._degree})"
         )
 
-    def getDimension(self):
+    def getDimension(self) -> int:
         """Number of directions."""
         return self._fit.directions.shape[1]
 
-    def getDegree(self):
+    def getDegree(self) -> int:
         """Total degree of the polynomial."""
         return self._degree
 
-    def getDirections(self):
+    def getDirections(self) -> ot.Matrix:
         """Orthonormal columns W, (d, r) :py:class:`openturns.Matrix`, the largest component of each positive."""
         return ot.Matrix(self._fit.directions)
 
-    def getStandardSpace(self):
+    def getStandardSpace(self) -> StandardSpace:
         """The :class:`~satsep_ot.methods.standard_space.StandardSpace` that was used."""
         return self._space
 
-    def isConverged(self):
+    def isConverged(self) -> bool:
         """Whether the Gauss-Newton iteration converged."""
         return self._fit.converged
 
-    def getIterationNumber(self):
+    def getIterationNumber(self) -> int:
         """Gauss-Newton steps of the best start."""
         return self._fit.iterations
 
-    def getRelativeError(self):
+    def getRelativeError(self) -> float:
         """Weighted residual over total sum of squares, averaged over the outputs, on the training sample."""
         return self._fit.loss
 
-    def getQ2(self):
+    def getQ2(self) -> float:
         """Nested cross-validated Q2 of what was chosen: the directions were refitted in every fold."""
         return self._q2[self.getDimension(), self._degree]
 
-    def getQ2ByDimensionAndDegree(self):
+    def getQ2ByDimensionAndDegree(self) -> dict[tuple[int, int], float]:
         """Nested cross-validated Q2 of everything that was tried, a dict by (dimension, degree)."""
         return dict(self._q2)
 
-    def getRemarks(self):
+    def getRemarks(self) -> list[str]:
         """Sentences on what a reader should know: few points for the unknowns, an iteration that did not converge."""
         d, r = self._fit.directions.shape
         unknowns = d * r + self._fit.polynomial.basis.size
@@ -262,22 +277,22 @@ class RidgeApproximationResult:
                 "There is no active variable: a constant predicts as well as any ridge; set the dimension."
             )
 
-    def getTransformation(self):
+    def getTransformation(self) -> ot.Function:
         """Physical inputs to active variables, y = W^T T(x), a native :py:class:`openturns.Function`."""
         self._needDirections()
         return activeTransformation(self._space, self._fit.directions)
 
-    def getInverseTransformation(self):
+    def getInverseTransformation(self) -> ot.Function:
         """Active variables to the physical inputs with inactive variables 0, x = T^-1(W y), a native function."""
         self._needDirections()
         return inverseActiveTransformation(self._space, self._fit.directions)
 
-    def getActiveSample(self):
+    def getActiveSample(self) -> ot.Sample:
         """Active variables of the sample, :py:class:`openturns.Sample` (N, r)."""
         self._needDirections()
         return ot.Sample(self._points @ self._fit.directions)
 
-    def getRegressionResult(self):
+    def getRegressionResult(self) -> MultivariatePolynomialRegressionResult:
         """Regression on the active variables,
         a :class:`~satsep_ot.methods.polynomial_regression.MultivariatePolynomialRegressionResult`.
 
@@ -294,18 +309,18 @@ class RidgeApproximationResult:
             self._regression = regression.getResult()
         return self._regression
 
-    def getMetaModel(self):
+    def getMetaModel(self) -> ot.ComposedFunction | ot.LinearFunction:
         """The surrogate of the physical inputs, a native :py:class:`openturns.Function` with exact derivatives."""
         if self.getDimension() == 0:
             d, p = self._points.shape[1], self._values.shape[1]
             return ot.LinearFunction([0.0] * d, self._fit.polynomial.coefficients[0], ot.Matrix(p, d))
         return ot.ComposedFunction(self.getRegressionResult().getMetaModel(), self.getTransformation())
 
-    def getMetaModelResult(self):
+    def getMetaModelResult(self) -> ot.MetaModelResult:
         """An :py:class:`openturns.MetaModelResult` of the physical sample and the surrogate."""
         return ot.MetaModelResult(ot.Sample(self._physical), ot.Sample(self._values), self.getMetaModel())
 
-    def drawSufficientSummary(self, output=0, level=0.95):
+    def drawSufficientSummary(self, output: int = 0, level: float = 0.95) -> ot.Graph:
         """One output against the first one or two active variables, :py:class:`openturns.Graph`."""
         self._needDirections()
         if not 0 <= output < self._values.shape[1]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
 # Points of the check: the centre and two off it, where a Student space differs from the normal one by 8 % or more.
 CHECK_LEVELS = (0.5, 0.84, 0.05)
@@ -35,14 +36,14 @@ class StandardSpace:
     [[1.0, 8.0]]
     """
 
-    def __init__(self, distribution):
+    def __init__(self, distribution: ot.Distribution) -> None:
         self._distribution = ot.Distribution(distribution)
         self._check()
         self._transformation = self._distribution.getIsoProbabilisticTransformation()
         self._inverse = self._distribution.getInverseIsoProbabilisticTransformation()
         self._checkDensity()
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"StandardSpace(dimension={self.getDimension()})"
 
     def _check(self):
@@ -89,35 +90,35 @@ class StandardSpace:
                     "give its marginals and a normal or Archimedean copula."
                 )
 
-    def getDistribution(self):
+    def getDistribution(self) -> ot.Distribution:
         """The distribution of the physical inputs."""
         return self._distribution
 
-    def getDimension(self):
+    def getDimension(self) -> int:
         """Number of inputs."""
         return self._distribution.getDimension()
 
-    def getTransformation(self):
+    def getTransformation(self) -> ot.Function:
         """T, physical to standard, as a native :py:class:`openturns.Function`."""
         return self._transformation
 
-    def getInverseTransformation(self):
+    def getInverseTransformation(self) -> ot.Function:
         """T^-1, standard to physical, as a native :py:class:`openturns.Function`."""
         return self._inverse
 
-    def toStandard(self, physicalSample):
+    def toStandard(self, physicalSample: ArrayLike) -> np.ndarray:
         """Standard points (n, d) of physical points (n, d), both ndarrays."""
         return np.array(self._transformation(np.asarray(physicalSample, dtype=float)))
 
-    def toPhysical(self, standardSample):
+    def toPhysical(self, standardSample: ArrayLike) -> np.ndarray:
         """Physical points (n, d) of standard points (n, d), both ndarrays."""
         return np.array(self._inverse(np.asarray(standardSample, dtype=float)))
 
-    def generateSample(self, size):
+    def generateSample(self, size: int) -> np.ndarray:
         """Independent standard normal points (size, d) from ``ot.RandomGenerator``."""
         return np.array(ot.DistFunc.rNormal(size * self.getDimension())).reshape(size, self.getDimension())
 
-    def chainGradient(self, standardSample, physicalGradient):
+    def chainGradient(self, standardSample: ArrayLike, physicalGradient: np.ndarray) -> np.ndarray:
         """Gradients with respect to U from those with respect to X.
 
         Parameters

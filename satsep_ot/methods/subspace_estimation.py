@@ -49,7 +49,9 @@ def subspace_distance(first: np.ndarray, second: np.ndarray) -> float:
     return float(min(linalg.norm(second - first @ (first.T @ second), 2), 1.0))
 
 
-def estimate_subspace(gradients, scales=None, weights=None):
+def estimate_subspace(
+    gradients: np.ndarray, scales: np.ndarray | None = None, weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of sum_j E[grad g_j grad g_j^T] / scale_j, by SVD of the stacked gradients.
 
     Parameters
@@ -85,7 +87,7 @@ def estimate_subspace(gradients, scales=None, weights=None):
     return eigenvalues, orient(vectors.T)
 
 
-def stacked_rows(gradients, scales, weights):
+def stacked_rows(gradients: np.ndarray, scales: np.ndarray | None, weights: np.ndarray | None) -> np.ndarray:
     """Rows (M p, d), the outputs of a point together, with rows^T rows the matrix of the active subspace."""
     count, d, p = gradients.shape
     scale = np.ones(p) if scales is None else 1.0 / np.sqrt(scales)
@@ -93,7 +95,9 @@ def stacked_rows(gradients, scales, weights):
     return (gradients.transpose(0, 2, 1) * scale[:, None] * np.sqrt(weight)[:, None, None]).reshape(count * p, d)
 
 
-def bootstrap_subspace(gradients, size, largest, scales=None, weights=None):
+def bootstrap_subspace(
+    gradients: np.ndarray, size: int, largest: int, scales: np.ndarray | None = None, weights: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bootstrap of the gradient rows, all outputs of a point together.
 
     Parameters
@@ -148,7 +152,7 @@ def bootstrap_subspace(gradients, size, largest, scales=None, weights=None):
     return counts, eigenvalues, vectors
 
 
-def bootstrap_distances(vectors, replicates):
+def bootstrap_distances(vectors: np.ndarray, replicates: np.ndarray) -> np.ndarray:
     """Distances ||W W^T - V V^T||_2 between leading subspaces of dimension 1 to ``largest``.
 
     Parameters
@@ -170,13 +174,13 @@ def bootstrap_distances(vectors, replicates):
     return distances
 
 
-def quantile_bands(replicates, level):
+def quantile_bands(replicates: np.ndarray, level: float) -> np.ndarray:
     """Lower and upper quantiles over the first axis that hold the middle ``level``."""
     tail = 0.5 * (1.0 - level)
     return np.quantile(replicates, [tail, 1.0 - tail], axis=0)
 
 
-def reflected_bands(estimate, replicates, level):
+def reflected_bands(estimate: np.ndarray, replicates: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray]:
     """Bootstrap bands of positive quantities: quantiles on the logarithmic scale, reflected at the estimate.
 
     Replicates lie off the estimate as the estimate lies off the truth: large eigenvalues are overestimated, small ones

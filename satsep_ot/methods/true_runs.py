@@ -4,9 +4,12 @@ import dataclasses
 import json
 import os
 import zipfile
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
 from satsep_ot.methods.result_storage import writeWhole
 
@@ -70,7 +73,15 @@ class TrueRuns:
         return f"TrueRuns(size={len(self)}, inputs={len(self.inputNames)}, outputs={self.outputNames}, phases={counts})"
 
     @staticmethod
-    def ofSample(inputs, outputs, failed, inputNames, outputNames, phase="Monte Carlo", weight=1.0) -> "TrueRuns":
+    def ofSample(
+        inputs: np.ndarray,
+        outputs: np.ndarray,
+        failed: np.ndarray,
+        inputNames: Sequence[str],
+        outputNames: Sequence[str],
+        phase: str = "Monte Carlo",
+        weight: float = 1.0,
+    ) -> "TrueRuns":
         """Runs of one phase and one weight: 1 for draws of the inputs' own law, NaN for runs without a weight."""
         size = len(inputs)
         return TrueRuns(
@@ -86,7 +97,7 @@ class TrueRuns:
         """The outputs, with their names."""
         return _described(self.outputs, self.outputNames)
 
-    def computeProbability(self, failed=None) -> float:
+    def computeProbability(self, failed: ArrayLike | None = None) -> float:
         """The probability of failure again, from the runs and their weights.
 
         Parameters
@@ -140,7 +151,7 @@ class TrueRuns:
                 if document["format"] != _FORMAT:
                     raise KeyError("format")
                 arrays = {name: archive[name] for name in _ARRAYS}
-            names = {name: tuple(document[name]) for name in ("inputNames", "outputNames")}
+            names: dict[str, Any] = {name: tuple(document[name]) for name in ("inputNames", "outputNames")}
             return TrueRuns(**arrays, **names, surrogateProbability=float(document["surrogateProbability"]))
         except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
             raise ValueError(f"{path} holds no true runs written by save(), or those of another version") from error

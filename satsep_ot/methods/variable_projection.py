@@ -45,17 +45,19 @@ class RidgeFit:
     converged: bool
     iterations: int
 
-    def predict(self, points):
+    def predict(self, points: np.ndarray) -> np.ndarray:
         """Values at points (n, d): ndarray (n,) or (n, p)."""
         return self.polynomial.predict(np.asarray(points, dtype=float) @ self.directions)
 
-    def predict_gradient(self, points):
+    def predict_gradient(self, points: np.ndarray) -> np.ndarray:
         """Gradients in u at points (n, d): ndarray (n, d) or (n, d, p)."""
         active = self.polynomial.predict_gradient(np.asarray(points, dtype=float) @ self.directions)
         return np.einsum("ij,nj...->ni...", self.directions, active)
 
 
-def starting_directions(points, values, dimension, weights=None):
+def starting_directions(
+    points: np.ndarray, values: np.ndarray, dimension: int, weights: np.ndarray | None = None
+) -> list[np.ndarray]:
     """Candidate subspaces from the quadratic of minimum norm through (at most 600 of) the data.
 
     The quadratic m + b.u + u^T A u / 2 has the gradient covariance b b^T + A A for standard normal u.
@@ -329,7 +331,15 @@ def _finish(directions, points, values, degree, weights, varying, converged, ite
     return RidgeFit(directions, polynomial, loss, converged, iterations)
 
 
-def cross_validate_ridge(points, values, dimension, degree=4, weights=None, folds=5, starts=2):
+def cross_validate_ridge(
+    points: np.ndarray,
+    values: np.ndarray,
+    dimension: int,
+    degree: int = 4,
+    weights: np.ndarray | None = None,
+    folds: int | list[np.ndarray] = 5,
+    starts: int = 2,
+) -> np.ndarray:
     """Prediction errors of ridge fits that have not seen the point: the directions are refitted in every fold.
 
     With directions frozen from all the data the errors look far smaller than they are.

@@ -3,6 +3,8 @@
 import csv
 import io
 import math
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ _LONGEST_FILE = 1_000_000  # characters
 _HEADER = "a header such as 'stroke_mm,force_N'"
 
 
-def read_force_table(path) -> np.ndarray:
+def read_force_table(path: str | os.PathLike) -> np.ndarray:
     """Read a force-stroke table from a CSV file of two columns: a header, then rows of stroke [mm] and force [N].
 
     Parameters
@@ -42,7 +44,7 @@ def read_force_table(path) -> np.ndarray:
     return parse_force_table(force_table_text(path), str(path))
 
 
-def force_table_text(path) -> str:
+def force_table_text(path: str | os.PathLike) -> str:
     """The text of a CSV file.
 
     Parameters
@@ -133,7 +135,9 @@ def parse_force_table(text: str, where: str) -> np.ndarray:
     )
 
 
-def checked_force_table(rows, where: str, numbers=None, shown=None) -> np.ndarray:
+def checked_force_table(
+    rows: list, where: str, numbers: Sequence[int] | None = None, shown: Sequence[str] | None = None
+) -> np.ndarray:
     """A force-stroke table from its rows, if they are such a table.
 
     Parameters

@@ -2,6 +2,7 @@
 
 import difflib
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -318,7 +319,7 @@ def _is_distribution_class(value) -> bool:
     return isinstance(value, type) and issubclass(value, ot.DistributionImplementation)
 
 
-def did_you_mean(given: str, known) -> str:
+def did_you_mean(given: str, known: Iterable[str]) -> str:
     """The end of a sentence that names the nearest of the known words, or nothing.
 
     Examples
@@ -413,7 +414,7 @@ class ParameterMap:
     True
     """
 
-    def __init__(self, inputs, separation):
+    def __init__(self, inputs: Sequence[UncertainInput], separation: Separation) -> None:
         index = {name: k for k, name in enumerate(separation.parameter_names())}
         self.names = tuple(row.name for row in inputs)
         self.units = tuple(row.unit for row in inputs)
@@ -471,7 +472,7 @@ def _spread(distribution):
     return 0.5 * (distribution.computeQuantile(0.8413)[0] - distribution.computeQuantile(0.1587)[0])
 
 
-def normal_copula(names, correlations) -> ot.NormalCopula | None:
+def normal_copula(names: Sequence[str], correlations: dict[tuple[str, str], float]) -> ot.NormalCopula | None:
     """The normal copula of uncertain inputs from correlations of some of them.
 
     Parameters
@@ -518,7 +519,7 @@ def normal_copula(names, correlations) -> ot.NormalCopula | None:
     return ot.NormalCopula(ot.CorrelationMatrix(matrix.tolist()))
 
 
-def joint_distribution(inputs, copula=None) -> ot.JointDistribution:
+def joint_distribution(inputs: Sequence[UncertainInput], copula: ot.Distribution | None = None) -> ot.JointDistribution:
     """The joint distribution of uncertain inputs, independent unless a copula is given.
 
     Parameters

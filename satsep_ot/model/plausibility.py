@@ -6,9 +6,10 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.invariants import spring_work
-from satsep_ot.dynamics.separation import Status
+from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.dynamics.springs import ForceLaw
+from satsep_ot.model.case import Case
 from satsep_ot.model.inputs import ParameterMap, joint_distribution, quantile_range
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
@@ -19,7 +20,7 @@ _LARGEST_RELATIVE_SCATTER = 0.2
 _SAMPLE_SIZE = 1024
 
 
-def push_energy(separation) -> float:
+def push_energy(separation: Separation) -> float:
     """Work of all springs on their way, without losses [J].
 
     Parameters
@@ -43,7 +44,7 @@ def push_energy(separation) -> float:
     return float(spring_work(separation, np.zeros(len(springs)), way).sum())
 
 
-def implausibilities(case) -> list[str]:
+def implausibilities(case: Case) -> list[str]:
     """Sentences on what in a case is hardly meant: usually a wrong unit.
 
     Parameters

@@ -1,6 +1,7 @@
 """One run of a case as a document: what `satsep-ot simulate --json` prints."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from satsep_ot.dynamics.invariants import (
 )
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.rotations import quaternion_product
-from satsep_ot.dynamics.separation import Status
+from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import inertial_motion, simulate, trajectory
 from satsep_ot.model.case import Case
 from satsep_ot.model.inputs import umbilical_springs
@@ -22,7 +23,7 @@ from satsep_ot.model.inputs import umbilical_springs
 LONGEST_TIME = 1000.0  # s after the start
 
 
-def run_document(case: Case, times=(), tolerance: float = 1e-8) -> dict:
+def run_document(case: Case, times: Sequence[float] = (), tolerance: float = 1e-8) -> dict:
     """Simulate the nominal run of a case and say what came out, in SI units, radians and the quantities' own units.
 
     Parameters
@@ -82,7 +83,7 @@ def run_document(case: Case, times=(), tolerance: float = 1e-8) -> dict:
     }
 
 
-def spring_names(separation) -> list[str]:
+def spring_names(separation: Separation) -> list[str]:
     """What a person calls each spring; the last ones may be those of umbilical connectors.
 
     Parameters

@@ -1,12 +1,16 @@
 """The separation as an OpenTURNS function: uncertain inputs in, quantities of interest out."""
 
+import os
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
-from satsep_ot.model.case import load_uncertain_case
+from satsep_ot.model.case import Case, load_uncertain_case
 from satsep_ot.model.inputs import ParameterMap
 
 # Runs simulated at once: large enough to keep every thread busy, small enough for constant memory.
@@ -67,7 +71,12 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
     (35, 'satellite_mass [kg]', 'axial_velocity [m/s]')
     """
 
-    def __init__(self, case="reference", tolerance=1e-8, quantities=None):
+    def __init__(
+        self,
+        case: Case | str | str | os.PathLike = "reference",
+        tolerance: float = 1e-8,
+        quantities: Sequence[str] | None = None,
+    ) -> None:
         case = load_uncertain_case(case)
         table = quantity_table(case.separation)
         names = tuple(table if quantities is None else quantities)
@@ -82,7 +91,7 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
         self._tolerance = tolerance
         self._map = ParameterMap(case.inputs, case.separation)
 
-    def evaluate(self, X):
+    def evaluate(self, X: Any) -> np.ndarray:
         """Quantities of interest of each row.
 
         Parameters
@@ -118,7 +127,7 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
                 Y[rows, column] = table[name].value(outcome.base)
         return Y
 
-    def computeGradientSample(self, X):
+    def computeGradientSample(self, X: Any) -> np.ndarray:
         """Gradients of every quantity of interest at each row.
 
         Parameters
@@ -177,12 +186,14 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
         X = np.asarray(X, dtype=float)
         if X.ndim != 2 or X.shape[1] != self.getInputDimension():
             raise ValueError(f"the sample has shape {X.shape}; (N, {self.getInputDimension()}) is needed")
-        wrong = np.argwhere(~np.isfinite(X))
-        if wrong.size:
-            row, column = wrong[0]
-            raise SeparationError(
-                f"{self._map.names[column]} = {X[row, column]} in row {row}: every input must be finite"
-            )
+        # In parts: a sample may be the map of a file that is larger than the memory.
+        for start in range(0, len(X), _CHUNK):
+            wrong = np.argwhere(~np.isfinite(X[start : start + _CHUNK]))
+            if wrong.size:
+                row, column = start + wrong[0, 0], wrong[0, 1]
+                raise SeparationError(
+                    f"{self._map.names[column]} = {X[row, column]} in row {row}: every input must be finite"
+                )
         return X
 
     def _failure(self, X, rows, reason):

@@ -1,10 +1,12 @@
 """A separation as a reliability problem: distribution, function, events, and the smooth components behind them."""
 
+import os
+
 import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.simulation import simulate
-from satsep_ot.model.case import SYSTEM, CaseError, Requirement, load_uncertain_case
+from satsep_ot.model.case import SYSTEM, Case, CaseError, Requirement, load_uncertain_case
 from satsep_ot.model.inputs import did_you_mean, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 
@@ -48,19 +50,21 @@ class SeparationProblem:
     3.3
     """
 
-    def __init__(self, case="reference", copula=None):
+    def __init__(
+        self, case: Case | str | str | os.PathLike = "reference", copula: ot.Distribution | None = None
+    ) -> None:
         self._case = load_uncertain_case(case)
         self._distribution = joint_distribution(self._case.inputs, self._case.copula if copula is None else copula)
         self._quantities = quantity_table(self._case.separation)
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"SeparationProblem(case={self._case.name}, inputs={self._distribution.getDimension()}, "
             # By the names that `getEvent` takes.
             f"requirements={ {entry.name: str(entry) for entry in self._case.requirements} })"
         )
 
-    def getCase(self):
+    def getCase(self) -> Case:
         """The case.
 
         Returns
@@ -69,7 +73,7 @@ class SeparationProblem:
         """
         return self._case
 
-    def getDistribution(self):
+    def getDistribution(self) -> ot.JointDistribution:
         """Joint distribution of the uncertain inputs.
 
         Returns
@@ -79,7 +83,7 @@ class SeparationProblem:
         """
         return ot.JointDistribution(self._distribution)
 
-    def getFunction(self):
+    def getFunction(self) -> ot.Function:
         """All quantities of interest as a function of the uncertain inputs.
 
         Returns
@@ -89,7 +93,7 @@ class SeparationProblem:
         """
         return ot.Function(SeparationFunction(self._case))
 
-    def getRequirements(self):
+    def getRequirements(self) -> list[Requirement]:
         """The requirements, in the order of the case file.
 
         Returns
@@ -98,7 +102,7 @@ class SeparationProblem:
         """
         return list(self._case.requirements)
 
-    def getRequirementNames(self):
+    def getRequirementNames(self) -> list[str]:
         """Names of the requirements.
 
         Returns
@@ -107,7 +111,7 @@ class SeparationProblem:
         """
         return [requirement.name for requirement in self._case.requirements]
 
-    def getEvent(self, requirement):
+    def getEvent(self, requirement: str | Requirement) -> ot.ThresholdEvent:
         """The event that a requirement is violated.
 
         Parameters
@@ -130,7 +134,7 @@ class SeparationProblem:
         comparison = ot.Greater() if requirement.is_maximum else ot.Less()
         return self._event(ot.ComposedFunction(composition, function), comparison, requirement.limit, requirement.name)
 
-    def getSystemEvent(self):
+    def getSystemEvent(self) -> ot.ThresholdEvent:
         """The event that any requirement of the case is violated.
 
         Returns
@@ -148,7 +152,9 @@ class SeparationProblem:
         function, composition, _, _ = self.getComponents(None)
         return self._event(ot.ComposedFunction(composition, function), ot.Less(), 0.0, SYSTEM)
 
-    def getComponents(self, requirement=None):
+    def getComponents(
+        self, requirement: str | Requirement | None = None
+    ) -> tuple[ot.Function, ot.Function, list[int], ot.Function]:
         """The smooth components behind an event, and how they make up the variable that the event compares.
 
         A surrogate of a norm, of an absolute value or of a minimum over time is poor at the kinks; surrogates of what

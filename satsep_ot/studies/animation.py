@@ -1,17 +1,20 @@
 """Runs of a separation as plain data that a page can draw moving: the bodies' shapes, and where they are over time."""
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from satsep_ot.dynamics.separation import Separation
 from satsep_ot.studies.figures import compute_motion
 
 _FRAMES = 48  # of the push, and as many of the flight after it
 
 
-def satellite_shape(separation):
+def satellite_shape(separation: Separation) -> tuple[np.ndarray, list[list[int]]]:
     """A solid that stands for the satellite, in its axes from its ring centre.
 
     Parameters
@@ -67,7 +70,7 @@ def _flat_faces(points):
     return faces
 
 
-def animation_data(separation, runs):
+def animation_data(separation: Separation, runs: dict[str, ArrayLike]) -> dict:
     """Everything that the moving view of a report draws.
 
     Parameters
@@ -100,7 +103,7 @@ def animation_data(separation, runs):
     """
     points, faces = satellite_shape(separation)
     size = float(np.ptp(points, axis=0).max())
-    data = {
+    data: dict[str, Any] = {
         "shape": {"points": _rounded(points), "faces": faces},
         "platform": {
             "ring": float(np.max(separation.springs.radius)),

@@ -1,18 +1,22 @@
 """What drives a violation, which tolerance to tighten, and what the most likely violation looks like."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
+from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.model.case import SYSTEM
-from satsep_ot.model.inputs import ParameterMap, joint_distribution
+from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
+from satsep_ot.model.case import SYSTEM, Case
+from satsep_ot.model.inputs import ParameterMap, UncertainInput, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
 
-def describe_scatter(row):
+def describe_scatter(row: UncertainInput) -> str:
     """The scatter of an uncertain input in words, with its unit.
 
     Parameters
@@ -40,7 +44,7 @@ def describe_scatter(row):
     return f"{distribution} {row.unit}"
 
 
-def tolerances(case):
+def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
     """The inputs of a case by the tolerance, an entry of the case file, that they come from.
 
     Parameters
@@ -64,7 +68,7 @@ def tolerances(case):
     return rows
 
 
-def driver_shares(case, subspaces):
+def driver_shares(case: Case, subspaces: Sequence[ActiveSubspaceResult]) -> dict[str, float]:
     """The share of each tolerance in what moves the smooth components of a requirement.
 
     Parameters
@@ -88,7 +92,7 @@ def driver_shares(case, subspaces):
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def importance_shares(case, result):
+def importance_shares(case: Case, result: ActiveSubspaceReliabilityResult) -> dict[str, float]:
     """The share of each tolerance in the violations themselves.
 
     Parameters
@@ -111,7 +115,7 @@ def importance_shares(case, result):
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def scaled_distribution(case, tolerance, scale):
+def scaled_distribution(case: Case, tolerance: str, scale: float) -> ot.JointDistribution:
     """The joint distribution of the inputs with the scatter of one tolerance scaled about its mean.
 
     Parameters
@@ -145,7 +149,9 @@ def _scaled_law(law, scale):
     return ot.Distribution(scaled)
 
 
-def tightened_probabilities(case, result, names, scale=0.9):
+def tightened_probabilities(
+    case: Case, result: ActiveSubspaceReliabilityResult, names: Sequence[str], scale: float = 0.9
+) -> dict[str, float]:
     """The probability of a violation under each tolerance tightened a little, from the runs that are there already.
 
     Parameters
@@ -175,7 +181,7 @@ def tightened_probabilities(case, result, names, scale=0.9):
     return dict(sorted(ratios.items(), key=lambda item: item[1]))
 
 
-def scaled_case(case, tolerance, scale):
+def scaled_case(case: Case, tolerance: str, scale: float) -> Case:
     """The case with the scatter of one tolerance scaled about its mean.
 
     Parameters
@@ -210,7 +216,9 @@ def scaled_case(case, tolerance, scale):
     return dataclasses.replace(case, inputs=inputs, text="", files={})
 
 
-def changed_probability(case, requirement, target=0.1, maximum=5000):
+def changed_probability(
+    case: Case, requirement: str, target: float = 0.1, maximum: int = 5000
+) -> ActiveSubspaceReliabilityResult:
     """The probability of a violation of a changed case, by new true runs.
 
     Parameters
@@ -254,7 +262,9 @@ class Violation:
     distance: float
 
 
-def most_likely_violation(problem, requirement, sample=None):
+def most_likely_violation(
+    problem: SeparationProblem, requirement: str, sample: np.ndarray | None = None
+) -> Violation | None:
     """The violation nearest to the origin of standard space.
 
     Parameters
@@ -313,7 +323,7 @@ def most_likely_violation(problem, requirement, sample=None):
     return min(found, key=lambda one: one.distance, default=None)
 
 
-def run_parameters(case, inputs):
+def run_parameters(case: Case, inputs: ArrayLike) -> np.ndarray:
     """The separation's flat parameter vector of one run.
 
     Parameters

@@ -23,18 +23,24 @@ are at least 11 points high, so that a figure can be read in grey and from the b
 """
 
 import math
+import os
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import ArrayLike
 from scipy.fft import dct, idct
 
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.separation import Status
+from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import trajectory
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
+from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegressionResult
 from satsep_ot.model.run_document import spring_names
 
 FONT_SIZE = 11
@@ -81,7 +87,7 @@ def _panels(count, columns=None, size=PANEL_SIZE):
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
 
 
-def save_figure(figure, path, form=None):
+def save_figure(figure: Figure, path: str | os.PathLike, form: str | None = None) -> None:
     """Write a figure.
 
     Parameters
@@ -100,7 +106,14 @@ def save_figure(figure, path, form=None):
 # Active subspaces. --------------------------------------------------------------------------------------------------
 
 
-def draw_eigenvalues(result, ax=None, label="", unit="", level=0.95, largest=10):
+def draw_eigenvalues(
+    result: ActiveSubspaceResult,
+    ax: Axes | None = None,
+    label: str = "",
+    unit: str = "",
+    level: float = 0.95,
+    largest: int = 10,
+) -> Axes:
     """Eigenvalues of an active subspace with their bootstrap bands, on a logarithmic axis.
 
     Parameters
@@ -157,7 +170,7 @@ def draw_eigenvalues(result, ax=None, label="", unit="", level=0.95, largest=10)
     return ax
 
 
-def eigenvalues_figure(results, units):
+def eigenvalues_figure(results: dict[str, ActiveSubspaceResult], units: dict[str, str]) -> Figure:
     """One panel of `draw_eigenvalues` for each component.
 
     Parameters
@@ -180,7 +193,15 @@ def eigenvalues_figure(results, units):
     return figure
 
 
-def draw_sufficient_summary(active, values, regression, ax=None, label="", unit="", level=0.95):
+def draw_sufficient_summary(
+    active: ArrayLike,
+    values: np.ndarray,
+    regression: MultivariatePolynomialRegressionResult,
+    ax: Axes | None = None,
+    label: str = "",
+    unit: str = "",
+    level: float = 0.95,
+) -> Axes:
     """An output against its active variables, with the polynomial regression on them.
 
     Parameters
@@ -246,7 +267,7 @@ def draw_sufficient_summary(active, values, regression, ax=None, label="", unit=
     return ax
 
 
-def sufficient_summary_figure(summaries, units):
+def sufficient_summary_figure(summaries: dict[str, tuple], units: dict[str, str]) -> Figure:
     """One panel of `draw_sufficient_summary` for each component.
 
     Parameters
@@ -272,7 +293,7 @@ def sufficient_summary_figure(summaries, units):
 # Distributions and probabilities. -----------------------------------------------------------------------------------
 
 
-def sample_density(values, size=512):
+def sample_density(values: np.ndarray, size: int = 512) -> tuple[np.ndarray, np.ndarray]:
     """A kernel density of a large sample: Gaussian kernel of Silverman's width, by fast cosine transform.
 
     Parameters
@@ -320,8 +341,16 @@ def sample_density(values, size=512):
 
 
 def draw_density(
-    sample, ax=None, density=None, label="", unit="", limit=None, is_maximum=True, probability=None, bins=60
-):
+    sample: ArrayLike,
+    ax: Axes | None = None,
+    density: tuple[np.ndarray, np.ndarray] | None = None,
+    label: str = "",
+    unit: str = "",
+    limit: float | None = None,
+    is_maximum: bool = True,
+    probability: float | None = None,
+    bins: int = 60,
+) -> Axes:
     """Density of a quantity: a histogram of true runs beside the surrogate's law, and the limit.
 
     Parameters
@@ -399,7 +428,7 @@ def draw_density(
     return ax
 
 
-def density_figure(densities):
+def density_figure(densities: dict[str, dict]) -> Figure:
     """One panel of `draw_density` for each quantity.
 
     Parameters
@@ -435,7 +464,7 @@ def _runs(row):
     return f"{text}\n{row['gradients']:,} gradients" if row.get("gradients") else text
 
 
-def draw_probabilities(rows, ax=None, title=""):
+def draw_probabilities(rows: Sequence[dict], ax: Axes | None = None, title: str = "") -> Axes:
     """Probabilities of one event by method, with 95 % intervals where the method has one, and the runs it took.
 
     Parameters
@@ -503,7 +532,7 @@ def draw_probabilities(rows, ax=None, title=""):
     return ax
 
 
-def draw_answer(row, allowed=None, ax=None):
+def draw_answer(row: dict, allowed: float | None = None, ax: Axes | None = None) -> Axes:
     """One probability with its 95 % interval, beside the allowed one.
 
     Parameters
@@ -546,7 +575,9 @@ def draw_answer(row, allowed=None, ax=None):
     return ax
 
 
-def draw_shares(shares, ax=None, title="", largest=8, label="share"):
+def draw_shares(
+    shares: dict[str, float], ax: Axes | None = None, title: str = "", largest: int = 8, label: str = "share"
+) -> Axes:
     """Shares as horizontal bars, the largest at the top, what is left over in one bar.
 
     Parameters
@@ -614,7 +645,7 @@ def _probability_range(rows):
     return 10.0 ** (math.log10(low) - 0.3), 10.0 ** (math.log10(high) + 0.3)
 
 
-def probabilities_figure(rows, titles=None):
+def probabilities_figure(rows: Sequence[dict], titles: dict[str, str] | None = None) -> Figure:
     """One panel of `draw_probabilities` for each requirement, in the order of the rows.
 
     Parameters
@@ -661,7 +692,9 @@ class Motion(NamedTuple):
     pins: np.ndarray  # whether it is the pins of a connector, which hold back and do not push, bool (N,)
 
 
-def compute_motion(separation, parameters=None, end=None, size=400):
+def compute_motion(
+    separation: Separation, parameters: ArrayLike | None = None, end: float | None = None, size: int = 400
+) -> Motion:
     """Simulate one run and read off what the figures over time show.
 
     Parameters
@@ -740,7 +773,7 @@ def compute_motion(separation, parameters=None, end=None, size=400):
     )
 
 
-def draw_separation_velocity(motion, ax=None):
+def draw_separation_velocity(motion: Motion, ax: Axes | None = None) -> Axes:
     """Axial velocity and gap over time, the gap on an axis of its own at the right.
 
     Parameters
@@ -767,7 +800,7 @@ def draw_separation_velocity(motion, ax=None):
     return ax
 
 
-def draw_rates(motion, ax=None):
+def draw_rates(motion: Motion, ax: Axes | None = None) -> Axes:
     """Body rates of the satellite over time.
 
     Parameters
@@ -794,7 +827,7 @@ def draw_rates(motion, ax=None):
     return ax
 
 
-def draw_strokes(motion, ax=None):
+def draw_strokes(motion: Motion, ax: Axes | None = None) -> Axes:
     """Stroke of each spring while it pushes, with its release marked, and where the pins of connectors leave theirs.
 
     Parameters
@@ -836,7 +869,7 @@ def _mark_releases(motion, ax):
     return line
 
 
-def separation_figure(separation, parameters=None, end=None):
+def separation_figure(separation: Separation, parameters: ArrayLike | None = None, end: float | None = None) -> Figure:
     """One run over time: velocity and gap, body rates, spring strokes.
 
     Parameters

@@ -2,13 +2,15 @@
 
 import json
 import math
+import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
 from openturns.viewer import View
 
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchmarkProblemNames
-from satsep_ot.methods.reliability_benchmark import BenchmarkTask
+from satsep_ot.methods.reliability_benchmark import BenchmarkTask, ReliabilityBenchmarkResult
 from satsep_ot.methods.result_storage import writeWhole
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.results_directory import ResultsDirectory, package_versions
@@ -40,7 +42,7 @@ def _reference_names():
     return {f"{REFERENCE}-{requirement.replace(' ', '-')}": requirement for requirement in REFERENCE_VIOLATIONS}
 
 
-def benchmark_names():
+def benchmark_names() -> list[str]:
     """Names of all problems: the published ones, then the requirements of the reference case.
 
     Examples
@@ -52,7 +54,7 @@ def benchmark_names():
     return [*getBenchmarkProblemNames(), *_reference_names()]
 
 
-def benchmark_tasks(names):
+def benchmark_tasks(names: Sequence[str]) -> list[BenchmarkTask]:
     """The problems of these names, ready for :class:`satsep_ot.methods.reliability_benchmark.ReliabilityBenchmark`.
 
     Parameters
@@ -100,7 +102,9 @@ def _reference_task(name):
     )
 
 
-def open_benchmark_directory(path, resume=False, overwrite=False, command=""):
+def open_benchmark_directory(
+    path: str | os.PathLike, resume: bool = False, overwrite: bool = False, command: str = ""
+) -> ResultsDirectory:
     """Take a directory for a benchmark.
 
     Repetitions are kept one by one, each with its problem, method, settings and seed: those of other problems, methods
@@ -130,7 +134,7 @@ def open_benchmark_directory(path, resume=False, overwrite=False, command=""):
     )
 
 
-def save_benchmark(result, directory, drawn=True):
+def save_benchmark(result: ReliabilityBenchmarkResult, directory: str | os.PathLike, drawn: bool = True) -> list[Path]:
     """Write the tables as Markdown, CSV and JSON and the graphs as PNG, each file whole or not at all.
 
     Parameters

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import os
 import re
 from importlib import resources
 from pathlib import Path
@@ -43,7 +44,7 @@ class ReportError(ValueError):
     """
 
 
-def render_report(directory):
+def render_report(directory: str | os.PathLike) -> str:
     """The page, as text, from the results of a study.
 
     Parameters
@@ -73,7 +74,7 @@ def render_report(directory):
         ) from error
 
 
-def write_report(directory):
+def write_report(directory: str | os.PathLike) -> Path:
     """Write report.html beside the results of a study; it appears whole or not at all.
 
     Parameters

@@ -10,8 +10,10 @@ import json
 import os
 import re
 import weakref
+from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -84,7 +86,17 @@ class ResultsDirectory:
     ({'probability': 0.0034}, None)
     """
 
-    def __init__(self, path, kind, identity, patterns, files=None, resume=False, overwrite=False, about=None):
+    def __init__(
+        self,
+        path: str | os.PathLike,
+        kind: str,
+        identity: dict[str, Any],
+        patterns: Sequence[str],
+        files: dict[str, str] | None = None,
+        resume: bool = False,
+        overwrite: bool = False,
+        about: dict | None = None,
+    ) -> None:
         if resume and overwrite:
             raise DirectoryError("resume and overwrite exclude each other; give one of them")
         self.path = Path(path)
@@ -110,14 +122,14 @@ class ResultsDirectory:
             self.close()
             raise
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"ResultsDirectory({str(self.path)!r}, {self._kind!r})"
 
-    def close(self):
+    def close(self) -> None:
         """Let other processes open the directory."""
         self._unlock()
 
-    def finished(self, *names):
+    def finished(self, *names: str) -> Any:
         """What `keep` has kept of a step; None where it is not finished.
 
         Raises
@@ -133,7 +145,7 @@ class ResultsDirectory:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise DirectoryError(f"{path} cannot be read ({error}); remove it, and its step is made again") from error
 
-    def keep(self, names, result):
+    def keep(self, names: Sequence[str], result: Any) -> None:
         """Keep a finished step.
 
         Parameters
@@ -147,16 +159,16 @@ class ResultsDirectory:
         path = self.file("steps", names, ".json")
         writeWhole(path, lambda stream: stream.write(text.encode()))
 
-    def folder(self, name):
+    def folder(self, name: str) -> Path:
         """Path of a folder, which is made."""
         (self.path / name).mkdir(exist_ok=True)
         return self.path / name
 
-    def file(self, folder, names, suffix):
+    def file(self, folder: str, names: Sequence[str], suffix: str) -> Path:
         """Path of a file that belongs to a step; its folder is made."""
         return self.folder(folder) / (file_stem(names) + suffix)
 
-    def writeText(self, name, text):
+    def writeText(self, name: str, text: str) -> Path:
         """Write a text file, whole or not at all.
 
         Returns
@@ -277,7 +289,7 @@ def _shown(value):
     return " ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-def file_stem(names):
+def file_stem(names: Sequence[str]) -> str:
     """The name of a file, without suffix, of what has these names; different names have different files.
 
     Examples
@@ -293,7 +305,7 @@ def file_stem(names):
     return stem if plain else f"{stem}-{hashlib.sha256(json.dumps(list(names)).encode()).hexdigest()[:8]}"
 
 
-def package_versions():
+def package_versions() -> dict[str, str]:
     """Versions of this package and of those that its numbers rest on.
 
     Examples
@@ -305,7 +317,7 @@ def package_versions():
     return {name: metadata.version(name) for name in ("satsep-ot", "openturns", "numpy", "scipy", "numba")}
 
 
-def digest(*things):
+def digest(*things: Any) -> str:
     """A digest of all numbers and names in dataclasses, arrays and OpenTURNS distributions.
 
     Parameters

@@ -8,10 +8,14 @@ import contextlib
 import dataclasses
 import datetime
 import json
+import os
 import platform
 import tempfile
 import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -28,12 +32,14 @@ from satsep_ot.methods.result_storage import syncDirectory, toXML, writeWhole
 from satsep_ot.methods.true_runs import TrueRuns
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies import drivers, figures
 from satsep_ot.studies.animation import animation_data
+from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.report import write_report
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
-from satsep_ot.studies.verdicts import best_row, judge
+from satsep_ot.studies.verdicts import Verdict, best_row, judge
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 # What a study writes, beside the case and its tables.
@@ -99,7 +105,15 @@ class SeparationStudy:
     ['lateral rate', 'spin', 'axial velocity', 'clearance', 'any requirement']
     """
 
-    def __init__(self, problem, methods=STUDY_METHODS, seed=0, sampleSize=500_000, gradientSize=300, toleranceSize=2):
+    def __init__(
+        self,
+        problem: SeparationProblem,
+        methods: Sequence[str] = STUDY_METHODS,
+        seed: int = 0,
+        sampleSize: int = 500_000,
+        gradientSize: int = 300,
+        toleranceSize: int = 2,
+    ) -> None:
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
             raise ValueError(f"methods = {list(methods)}; some of {', '.join(STUDY_METHODS)} are allowed")
@@ -116,9 +130,10 @@ class SeparationStudy:
         self._toleranceSize = int(toleranceSize)
         self._names = [*problem.getRequirementNames(), SYSTEM]
         self._progress = lambda label, share: None
-        self._directory = None
+        self._directory: ResultsDirectory | None = None
         self._executor = None
-        self._sample, self._summary = None, None
+        self._sample: np.ndarray | None = None
+        self._summary: Any = None
         self._components = {}
         self._rows = []
         self._results = {}
@@ -126,17 +141,19 @@ class SeparationStudy:
         self._violations = {}
         self._complete = False
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"SeparationStudy(case={self._problem.getCase().name}, methods={self._methods}, seed={self._seed}, "
             f"sampleSize={self._sampleSize})"
         )
 
-    def setProgressCallback(self, callback):
+    def setProgressCallback(self, callback: Callable[[str, float], None] | None) -> None:
         """Called with what is being done and the share of the whole study that is done, from 0 to 1."""
         self._progress = callback
 
-    def setDirectory(self, directory, resume=False, overwrite=False, command=""):
+    def setDirectory(
+        self, directory: str | os.PathLike, resume: bool = False, overwrite: bool = False, command: str = ""
+    ) -> None:
         """Keep every finished step, and the true runs, in a directory from the start on.
 
         An interrupted study is continued by the same study with `resume`: each step's random numbers follow from the
@@ -176,19 +193,19 @@ class SeparationStudy:
             {"case": case.name, "command": command},
         )  # fmt: skip
 
-    def setExecutor(self, executor):
+    def setExecutor(self, executor: Executor | None) -> None:
         """What runs the Monte Carlo sample, as for :class:`satsep_ot.methods.monte_carlo_stream.MonteCarloStream`.
 
         The numbers do not depend on it. None (default) for the simulator's own threads.
         """
         self._executor = executor
 
-    def close(self):
+    def close(self) -> None:
         """Let other processes use the directory."""
         if self._directory is not None:
             self._directory.close()
 
-    def run(self):
+    def run(self) -> None:
         """The whole chain: sample, subspaces, methods, tolerances, most likely violations."""
         self._complete = False
         self.computeSample()
@@ -218,7 +235,7 @@ class SeparationStudy:
 
     # The steps. -------------------------------------------------------------------------------------------------------
 
-    def computeSample(self):
+    def computeSample(self) -> None:
         """Run the Monte Carlo sample; it gives the distributions of the quantities, and a row for each requirement."""
         with contextlib.ExitStack() as stack:
             if self._directory is None:
@@ -287,7 +304,7 @@ class SeparationStudy:
             "inputs": list(model.getInputDescription()),
         }  # fmt: skip
 
-    def computeSubspaces(self):
+    def computeSubspaces(self) -> None:
         """Active subspace and polynomial regression of each smooth component of the requirements."""
         self._progress("active subspaces from gradients", 0.2)
         function, _, smooth, _ = self._problem.getComponents(None)
@@ -336,7 +353,7 @@ class SeparationStudy:
         arrays = {"points": points, "values": values, "gradients": found.getGradientSample()}
         return {name: array.tolist() for name, array in arrays.items()}
 
-    def compareMethods(self):
+    def compareMethods(self) -> None:
         """Run the methods on each requirement."""
         if self._summary is None and "MonteCarlo" in self._methods:
             self.computeSample()
@@ -381,7 +398,7 @@ class SeparationStudy:
             self._keepRuns(names, lambda: _unweighted(name, event, parts))
         return row
 
-    def computeTolerances(self):
+    def computeTolerances(self) -> None:
         """Tighten the tolerances that drive each requirement.
 
         All of them by a tenth, by re-weighting the runs that are there; those that buy most, one by one, by half, and
@@ -426,7 +443,7 @@ class SeparationStudy:
             "note": result.getReason(),
         }
 
-    def computeViolations(self):
+    def computeViolations(self) -> None:
         """The most likely violation of each requirement."""
         for requirement in self._problem.getRequirementNames():
             self._progress(f"{requirement}: most likely violation", 0.93)
@@ -447,24 +464,24 @@ class SeparationStudy:
 
     # What came out. ---------------------------------------------------------------------------------------------------
 
-    def getRows(self):
+    def getRows(self) -> list[dict]:
         """One dictionary for each requirement and method, as in results.json."""
         return list(self._rows)
 
     def _rowsOf(self, requirement):
         return [row for row in self._rows if row["requirement"] == requirement]
 
-    def getComponents(self):
+    def getComponents(self) -> dict[str, Any]:
         """Active subspace and regression by the name of the smooth component."""
         return dict(self._components)
 
-    def getReliabilityResult(self, requirement):
+    def getReliabilityResult(self, requirement: str) -> ActiveSubspaceReliabilityResult:
         """The `ActiveSubspaceReliabilityResult` of a requirement, with its runs, diagnostics and drawings."""
         if requirement not in self._results:
             raise ValueError(f"there is no ActiveSubspace result of '{requirement}'; there are {list(self._results)}")
         return self._results[requirement]
 
-    def getRemarks(self):
+    def getRemarks(self) -> list[str]:
         """Sentences on where FORM and SORM contradict the best estimate with an interval, by how much, and why."""
         quantities = {entry.name: entry.quantity for entry in self._problem.getRequirements()}
         remarks = []
@@ -487,7 +504,7 @@ class SeparationStudy:
                 )
         return remarks
 
-    def getVerdicts(self):
+    def getVerdicts(self) -> list[Verdict]:
         """Whether each requirement is met: :class:`satsep_ot.studies.verdicts.Verdict`, requirement by requirement."""
         return [
             judge(
@@ -496,7 +513,7 @@ class SeparationStudy:
             for entry in self._problem.getRequirements()
         ]
 
-    def getDriverShares(self, requirement):
+    def getDriverShares(self, requirement: str) -> dict[str, float]:
         """The share of each tolerance in a requirement's violations, the largest first; they sum to 1.
 
         By its importance in the violations that ActiveSubspace saw; without these, by the mean squared derivatives of
@@ -514,19 +531,19 @@ class SeparationStudy:
         result = self._results.get(requirement)
         return {} if result is None else drivers.importance_shares(self._problem.getCase(), result)
 
-    def getTolerances(self):
+    def getTolerances(self) -> dict[str, list[dict]]:
         """What halving a tolerance buys: for each requirement, a dictionary for each tolerance tried."""
         return {requirement: list(rows) for requirement, rows in self._tolerances.items()}
 
-    def getTightenedRatios(self):
+    def getTightenedRatios(self) -> dict[str, dict[str, float]]:
         """What a tenth less scatter does to each probability: for each requirement, its factor by tolerance."""
         return {requirement: dict(ratios) for requirement, ratios in self._tightened.items()}
 
-    def getViolations(self):
+    def getViolations(self) -> dict[str, Violation]:
         """The most likely :class:`satsep_ot.studies.drivers.Violation` of each requirement, where one was found."""
         return dict(self._violations)
 
-    def getResults(self):
+    def getResults(self) -> dict[str, Any]:
         """All numbers as plain data, as they stand in results.json."""
         case = self._problem.getCase()
         table = quantity_table(case.separation)
@@ -648,7 +665,7 @@ class SeparationStudy:
             "Every quantity is that of the last release unless its description says otherwise.",
         ]
 
-    def save(self, directory=None):
+    def save(self, directory: str | os.PathLike | None = None) -> list[Path]:
         """Write report.html and what it is made of: results.json, motion.json, case.toml and figures.
 
         Each file appears whole or not at all.
@@ -685,7 +702,7 @@ class SeparationStudy:
         paths.append(self._writeResults(results))
         return [*paths[::-1], write_report(self._directory.path)]
 
-    def saveRows(self, directory=None):
+    def saveRows(self, directory: str | os.PathLike | None = None) -> Path:
         """Write results.json alone, with the rows that are finished so far and nothing that takes time.
 
         Parameters

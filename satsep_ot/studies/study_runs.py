@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -15,7 +17,7 @@ BLOCK = 1024
 SAMPLE = "sample"
 
 
-def list_runs(directory):
+def list_runs(directory: str | os.PathLike) -> list[str]:
     """What there is to load.
 
     Parameters
@@ -43,7 +45,7 @@ def list_runs(directory):
     )
 
 
-def load_runs(directory, name, size=None):
+def load_runs(directory: str | os.PathLike, name: str, size: int | None = None) -> TrueRuns:
     """True runs of a study: inputs, outputs, weights, and what each run was made for.
 
     Parameters
@@ -127,7 +129,7 @@ def _first(runs, size):
     )
 
 
-def sample_inputs(distribution, seed, total, size):
+def sample_inputs(distribution: ot.Distribution, seed: int, total: int, size: int) -> np.ndarray:
     """The inputs of the first runs of a Monte Carlo sample of a study.
 
     Parameters
@@ -153,6 +155,6 @@ def sample_inputs(distribution, seed, total, size):
     return np.concatenate(blocks)[:size]
 
 
-def inputs_digest(inputs):
+def inputs_digest(inputs: Any) -> str:
     """SHA-256 of an array's numbers, in hexadecimal digits."""
     return hashlib.sha256(np.ascontiguousarray(inputs, dtype="<f8").tobytes()).hexdigest()

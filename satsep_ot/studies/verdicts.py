@@ -1,5 +1,6 @@
 """Whether a requirement is met, in words, from a probability with its interval and the allowed probability."""
 
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 MET, NOT_MET, UNDECIDED, NO_ALLOWANCE, UNKNOWN = "met", "not met", "undecided", "no allowed probability", "no estimate"
@@ -22,7 +23,7 @@ class Verdict(NamedTuple):
     row: dict | None
 
 
-def best_row(rows):
+def best_row(rows: Iterable[dict]) -> dict | None:
     """The row that others are judged by: the narrowest interval of ActiveSubspace and MonteCarlo.
 
     Parameters
@@ -51,7 +52,7 @@ def best_row(rows):
     return min(candidates, key=lambda row: row["upper95"] / max(row["lower95"], 1e-300), default=None)
 
 
-def digits(probability):
+def digits(probability: float) -> str:
     """A probability in three digits.
 
     Examples
@@ -68,7 +69,7 @@ def digits(probability):
     return f"{float(mantissa):g}e{int(exponent)}"
 
 
-def in_words(probability):
+def in_words(probability: float) -> str:
     """A probability as a number of separations.
 
     Examples
@@ -84,7 +85,7 @@ def in_words(probability):
     return f"about 1 separation in {float(f'{1.0 / probability:.2g}'):,.0f}"
 
 
-def headline(verdicts):
+def headline(verdicts: Sequence[Verdict]) -> str:
     """All verdicts in one sentence, the worst first.
 
     Parameters
@@ -118,7 +119,7 @@ def headline(verdicts):
     return " ".join(text.format(", ".join(groups[status])) for status, text in texts.items() if status in groups)
 
 
-def judge(requirement, rows, allowed=None):
+def judge(requirement: str, rows: Sequence[dict], allowed: float | None = None) -> Verdict:
     """The verdict on one requirement.
 
     Parameters
