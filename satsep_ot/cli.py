@@ -198,7 +198,7 @@ def _parser():
         "  satsep-ot benchmark --problems RP54 RP54-rotated RP54-rescaled P1-d20 --methods ActiveSubspace FORM\n"
         "  satsep-ot benchmark --problems reference --output results\n\n"
         "Every repetition is kept in DIR/runs.jsonl and counts from then on; after an interruption, which shows what\n"
-        "there is so far, the same command continues.",
+        "there is so far, the same command with --resume continues, or adds problems, methods and repetitions.",
     )
     benchmark.add_argument(
         "--problems", nargs="+", default=["published", "reference"], metavar="PROBLEM",
