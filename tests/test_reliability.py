@@ -15,7 +15,7 @@ from satsep_ot.methods.limit_state_event import LimitStateEvent, callFunction
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import clopperPearson
-from satsep_ot.methods.subset_simulation import runSubsetSimulation
+from satsep_ot.methods.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
 
 
 @pytest.fixture(autouse=True)
@@ -577,6 +577,21 @@ def test_subset_simulation_is_right_on_average_and_keeps_its_limit():
     assert abs(ratios.mean() - 1.0) < 4.0 * ratios.std() / math.sqrt(len(ratios))
     # The claimed error is an upper bound.
     assert np.median([estimate.coefficientOfVariation for estimate in estimates]) > 0.8 * ratios.std()
+
+
+def test_subset_simulations_that_disagree_are_known_to_be_wrong():
+    limitState = LimitStateEvent(event(lambda u: 2.0 - u[:, 0]))
+    runs = limitState.evaluate(np.zeros((100, 3)))
+    right, lost = SubsetEstimate(2e-4, 0.5, 2e-4, runs), SubsetEstimate(1e-7, 0.5, 1e-7, runs)
+    both = combineEstimates([right, lost])
+    assert both.probability == pytest.approx(1e-4, rel=1e-2)
+    assert both.coefficientOfVariation == pytest.approx(1.0, rel=1e-2)
+    assert combineEstimates([right, right]).coefficientOfVariation == pytest.approx(0.5 / math.sqrt(2.0))
+    nothing = SubsetEstimate(0.0, math.inf, 1e-3, runs)
+    assert combineEstimates([right, nothing]).coefficientOfVariation == pytest.approx(
+        0.5 * math.hypot(1e-4, 1e-3) / 1e-4
+    )
+    assert math.isinf(combineEstimates([nothing, nothing]).coefficientOfVariation)
 
 
 def test_a_surrogate_whose_weights_leave_few_runs_gets_a_smaller_model():

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -22,7 +23,7 @@ from satsep_ot.methods.reliability_result import (
     failureSampleOf,
 )
 from satsep_ot.methods.single_thread import singleThread
-from satsep_ot.methods.subset_simulation import runSubsetSimulation
+from satsep_ot.methods.subset_simulation import combineEstimates, runSubsetSimulation
 
 __all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
 
@@ -114,7 +115,7 @@ class ActiveSubspaceReliability:
     (True, True)
     """
 
-    def __init__(self, event):
+    def __init__(self, event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent) -> None:
         self._event = event
         self._components = (None, None, None, None)
         self._targetCoefficientOfVariation = 0.05
@@ -127,7 +128,7 @@ class ActiveSubspaceReliability:
         self._phases: dict[str, int] = {}
         self._runs: list[Runs] = []
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return (
             f"ActiveSubspaceReliability(mode={self._mode}, "
             f"targetCoefficientOfVariation={self._targetCoefficientOfVariation}, "
@@ -240,7 +241,7 @@ class ActiveSubspaceReliability:
         self._history: list[tuple[float, float, float, float]] = []
         self._initial = None
         self._subset = None
-        self._surrogate = None
+        self._surrogate: Any = None
         self._calibration = 1.0
         self._observedCalibration = 1.0
         initialSize = 2 * (self._limitState.dimension + 2)
@@ -291,9 +292,11 @@ class ActiveSubspaceReliability:
             trusted = self._calibrate(runs)
             self._fit()
             exhausted = self._used() + size > limit
-            proposal = self._propose()
+            # The search for the region is random and has a second chance.
+            proposal = self._propose() or self._propose()
             if proposal is None:
-                if exhausted or sum(part.failed.sum() for part in self._runs) >= _UNEXPLAINED_FAILURES:
+                failures = sum(part.failed[part.phases == "learning"].sum() for part in self._runs)
+                if exhausted or failures >= _UNEXPLAINED_FAILURES:
                     return None
                 continue
             needed = self._runsNeeded(proposal)
@@ -355,8 +358,8 @@ class ActiveSubspaceReliability:
             if self._used() < (1.0 + _REFIT_SHARE) * self._fittedAt:
                 continue
             self._fit()
-            # The search for the region is random and has a second chance; then the earlier proposal stays valid. So
-            # it does where a refit contradicts the unbiased estimate: that one cannot come from a poor fit.
+            # Without a refit's proposal the earlier one stays valid. So it does where a refit contradicts the unbiased
+            # estimate: that one cannot come from a poor fit.
             refitted = self._propose() or self._propose()
             if refitted is not None and self._isConsistent(refitted, estimate):
                 proposal = refitted
@@ -611,6 +614,8 @@ class ActiveSubspaceReliability:
         subset = runSubsetSimulation(
             lambda u: self._evaluate(u, "subset simulation"), self._limitState.dimension, remaining, self._generator
         )
+        if self._subset is not None:
+            subset = combineEstimates([self._subset, subset])
         variation = subset.coefficientOfVariation
         reason = f"handed over to subset simulation: {why}"
         if math.isinf(variation):

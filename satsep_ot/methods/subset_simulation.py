@@ -60,23 +60,35 @@ def runSubsetSimulation(
     SubsetEstimate
     """
     chains = max(maximumEvaluations // (_LEVELS * _CHAIN_LENGTH), 2)
-    passes, parts = [], []
+    passes: list[SubsetEstimate] = []
     remaining, used = maximumEvaluations, 0
     while not passes or 1.1 * used <= remaining:
-        probability, variation, bound, made = _onePass(evaluate, dimension, chains, remaining, generator)
-        used = sum(len(part) for part in made)
+        passes.append(_onePass(evaluate, dimension, chains, remaining, generator))
+        used = len(passes[-1].runs)
         remaining -= used
-        passes.append((probability, variation, bound))
-        parts += made
-    probabilities, variations, bounds = (np.array(column) for column in zip(*passes, strict=True))
-    reached = probabilities > 0.0
-    mean = float(probabilities.mean())
-    error = math.inf
-    if reached.any():
-        # A pass that found nothing contributes its bound to the uncertainty.
-        deviations = np.where(reached, probabilities * np.where(reached, variations, 0.0), bounds)
-        error = float(np.sqrt((deviations**2).sum()) / len(passes) / mean)
-    return SubsetEstimate(mean, error, float(bounds.max()), Runs.concatenate(parts))
+    return combineEstimates(passes)
+
+
+def combineEstimates(estimates: list[SubsetEstimate]) -> SubsetEstimate:
+    """The mean of independent estimates; where they disagree, that is its error.
+
+    Levels that have lost a failure region claim a small error all the same; other ones show it. Weights by the runs
+    would favour small probabilities, which take more levels.
+    """
+    number = len(estimates)
+    probabilities = np.array([estimate.probability for estimate in estimates])
+    mean, error = float(probabilities.mean()), math.inf
+    if mean > 0.0:
+        # One that found nothing contributes its bound to the uncertainty.
+        deviations = [
+            part.probability * part.coefficientOfVariation if part.probability > 0.0 else part.upperBound
+            for part in estimates
+        ]
+        within = float(np.square(deviations).sum()) / number**2
+        between = float(probabilities.var(ddof=1)) / number if number > 1 else 0.0
+        error = math.sqrt(max(within, between)) / mean
+    bound = max(part.upperBound for part in estimates)
+    return SubsetEstimate(mean, error, bound, Runs.concatenate([part.runs for part in estimates]))
 
 
 def _values(runs):
@@ -85,7 +97,7 @@ def _values(runs):
 
 
 def _onePass(evaluate, dimension, chains, budget, generator):
-    """Probability, coefficient of variation, bound and the runs of one subset simulation."""
+    """One subset simulation."""
     size = chains * _CHAIN_LENGTH
     runs = evaluate(generator.standard_normal((size, dimension)))
     parts = [runs]
@@ -98,12 +110,13 @@ def _onePass(evaluate, dimension, chains, budget, generator):
         failures = int(np.count_nonzero(values <= 0.0))
         if level <= 0.0 or failures >= chains:
             final, variation = failures / size, variation + _levelVariation(values <= 0.0, chainValues, 0.0)
-            return probability * final, variation, probability * final, parts
+            return SubsetEstimate(probability * final, variation, probability * final, Runs.concatenate(parts))
         if len(values) > failures > 0 and budget - sum(map(len, parts)) < size - chains:
             final, variation = failures / size, variation + _levelVariation(values <= 0.0, chainValues, 0.0)
-            return probability * final, variation, probability * _CONDITIONAL_PROBABILITY, parts
+            bound = probability * _CONDITIONAL_PROBABILITY
+            return SubsetEstimate(probability * final, variation, bound, Runs.concatenate(parts))
         if budget - sum(map(len, parts)) < size - chains or not level < values[order[-1]]:
-            return 0.0, math.inf, probability * _CONDITIONAL_PROBABILITY, parts
+            return SubsetEstimate(0.0, math.inf, probability * _CONDITIONAL_PROBABILITY, Runs.concatenate(parts))
         variation += _levelVariation(values <= level, chainValues, level)
         probability *= _CONDITIONAL_PROBABILITY
         current, currentValues = points[order[:chains]], values[order[:chains]]
