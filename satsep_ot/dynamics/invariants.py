@@ -9,9 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.polynomial import legendre
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from satsep_ot.dynamics.rotations import rotation_matrix_elements
+from satsep_ot.dynamics.separation import Separation
 from satsep_ot.dynamics.simulation import trajectory
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 
@@ -19,7 +21,7 @@ _NODES = 16  # of a quadrature
 _PIECES = 8  # of the time between two events: the force bends at the knots of a table
 
 
-def kinetic_energy(separation, states):
+def kinetic_energy(separation: Separation, states: ArrayLike) -> np.ndarray:
     """Kinetic energy of the relative motion and of both rotations, mu_r w^2 / 2 + sum_j omega_j . I_j omega_j / 2.
 
     Parameters
@@ -53,7 +55,7 @@ def kinetic_energy(separation, states):
     return 0.5 * (energy + np.sum(satellite_rates * (satellite_rates @ satellite.inertia), axis=1))
 
 
-def angular_momentum(separation, states):
+def angular_momentum(separation: Separation, states: ArrayLike) -> np.ndarray:
     """Angular momentum about the common CG in inertial axes, C_1 (mu_r d x w + I_1 omega_1 + Q I_2 omega_2).
 
     Parameters
@@ -87,7 +89,7 @@ def angular_momentum(separation, states):
     return _turned(states[:, 16:20], orbital + spin)
 
 
-def spring_strokes(separation, states):
+def spring_strokes(separation: Separation, states: ArrayLike) -> np.ndarray:
     """The stroke of every spring as the bodies lie, whether it pushes or not; see `satsep_ot.dynamics.springs`.
 
     Parameters
@@ -131,7 +133,7 @@ def spring_strokes(separation, states):
     return strokes
 
 
-def spring_work(separation, start, end):
+def spring_work(separation: Separation, start: ArrayLike, end: ArrayLike) -> np.ndarray:
     """The work of each spring between two strokes, the integral of its force, by Gauss quadrature.
 
     Parameters
@@ -167,7 +169,7 @@ def spring_work(separation, start, end):
     return work
 
 
-def push_starts(separation):
+def push_starts(separation: Separation) -> np.ndarray:
     """When each spring starts to push: at its delay, and pins with the first push of any other spring.
 
     Parameters
@@ -193,7 +195,7 @@ def push_starts(separation):
     return np.where(works, np.where(pins, first, springs.delay), np.nan)
 
 
-def guide_loss(separation, releases, tolerance=1e-8):
+def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1e-8) -> np.ndarray:
     """What friction in its guide takes of the work of each spring of the nominal run, the integral of its power.
 
     With the force f of the spring, the angle a between the rod and the plate's normal and the friction coefficient mu,

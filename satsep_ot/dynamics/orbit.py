@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
+from satsep_ot.dynamics.system import Array
 
 # -sqrt(5) C_20 of EGM2008 (tide-free), C_20 = -4.84165143790815e-4. It belongs to a radius 0.7 m below that of WGS 84,
 # which changes the acceleration by 2e-7 of itself.
@@ -43,8 +44,8 @@ class Orbit:
     [6878000.0, 0.0, 0.0]
     """
 
-    position: np.ndarray
-    velocity: np.ndarray
+    position: Array
+    velocity: Array
     mu: float = EARTH_GRAVITATIONAL_PARAMETER
     j2: bool = False
 
@@ -62,15 +63,15 @@ class Orbit:
     @classmethod
     def from_elements(
         cls,
-        semi_major_axis,
-        eccentricity,
-        inclination,
-        right_ascension,
-        argument_of_perigee,
-        true_anomaly,
-        mu=EARTH_GRAVITATIONAL_PARAMETER,
-        j2=False,
-    ):
+        semi_major_axis: float,
+        eccentricity: float,
+        inclination: float,
+        right_ascension: float,
+        argument_of_perigee: float,
+        true_anomaly: float,
+        mu: float = EARTH_GRAVITATIONAL_PARAMETER,
+        j2: bool = False,
+    ) -> "Orbit":
         """The orbit of the classical elements at t = 0.
 
         In the perifocal axes P (to the perigee) and Q (along the motion there), with p = a (1 - e^2):
@@ -130,7 +131,7 @@ class Orbit:
         return cls(position, velocity, mu, j2)
 
     @property
-    def period(self):
+    def period(self) -> float:
         """Time of one revolution without J2 [s]; infinite when the orbit is not closed."""
         inverse_axis = 2.0 / np.linalg.norm(self.position) - self.velocity @ self.velocity / self.mu
         return 2.0 * math.pi / math.sqrt(self.mu * inverse_axis**3) if inverse_axis > 0.0 else math.inf

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from satsep_ot.dynamics.separation import Separation
 from satsep_ot.dynamics.system import STATE_SIZE
 
 TIME, CLEARANCE = STATE_SIZE, STATE_SIZE + 1
@@ -71,7 +72,7 @@ QUANTITIES = {
 }
 
 
-def quantity_table(separation):
+def quantity_table(separation: Separation) -> dict[str, Quantity]:
     """The quantities of a separation, by name: those above, and with an envelope its clearances."""
     table = dict(QUANTITIES)
     points = separation.recess_points()

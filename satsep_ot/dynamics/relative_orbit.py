@@ -31,10 +31,11 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numba import get_num_threads, njit
+from numpy.typing import ArrayLike
 from scipy.integrate import DOP853
 
 from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
@@ -42,6 +43,9 @@ from satsep_ot.dynamics.gravity import EARTH_RADIUS, differential_gravity
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
 from satsep_ot.dynamics.rotations import rotation_matrix, rotation_matrix_elements
 from satsep_ot.dynamics.system import STATE_SIZE
+
+if TYPE_CHECKING:
+    from satsep_ot.dynamics.separation import Separation
 
 MAXIMUM_ORBITS = 100.0
 MAXIMUM_ECCENTRICITY = 0.9
@@ -299,7 +303,7 @@ def _entry_point(source_digest):
 approach_all = _entry_point(SOURCE_DIGEST)
 
 
-def anomaly_after(angle, p, s):
+def anomaly_after(angle: np.ndarray, p: np.ndarray, s: np.ndarray) -> np.ndarray:
     """The changes x of the eccentric anomaly (n,) for changes `angle` of the mean anomaly (n,) [rad].
 
     Kepler's equation from any point of the orbit: angle = x - p sin x + s (1 - cos x), with p = e cos E and s = e sin E
@@ -321,7 +325,7 @@ def anomaly_after(angle, p, s):
     return x
 
 
-def check_orbit(orbit):
+def check_orbit(orbit: Orbit) -> None:
     """Refuse an orbit that no coast can be computed on, with a ValueError."""
     if not math.isfinite(orbit.period):
         raise ValueError("the orbit is not closed, so it has no period; a velocity below that of escape is allowed")
@@ -346,7 +350,7 @@ class KeplerOrbit(NamedTuple):
     eccentricity: float
 
 
-def kepler_orbit(orbit, times):
+def kepler_orbit(orbit: Orbit, times: np.ndarray) -> KeplerOrbit:
     """O at the times (n,) on its closed orbit, by Lagrange's coefficients in the eccentric anomaly."""
     check_orbit(orbit)
     mean_motion = 2.0 * math.pi / orbit.period
@@ -438,7 +442,14 @@ def _release_gradient(states, masses, orbit, y, o, turn):
     return gradient
 
 
-def closest_approaches(states, release_times, masses, orbit, window=None, gradient=False):
+def closest_approaches(
+    states: ArrayLike,
+    release_times: ArrayLike,
+    masses: ArrayLike,
+    orbit: Orbit,
+    window: Recontact | None = None,
+    gradient: bool = False,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The smallest distance of the two CGs in a window of the coast after the last release, for n runs.
 
     Parameters
@@ -508,7 +519,7 @@ def closest_approaches(states, release_times, masses, orbit, window=None, gradie
     return *result.T, gradients
 
 
-def coast(state, release_time, masses, orbit, times):
+def coast(state: np.ndarray, release_time: float, masses: ArrayLike, orbit: Orbit, times: ArrayLike) -> np.ndarray:
     """Both bodies on their orbits after the last release of one run.
 
     Parameters
@@ -556,7 +567,7 @@ def coast(state, release_time, masses, orbit, times):
     return _fly(states, np.full(count, float(release_time)), masses, orbit, angles, angles, False)[2][:, :COAST_SIZE]
 
 
-def stack_orbit(separation):
+def stack_orbit(separation: "Separation") -> Orbit:
     """The orbit of O, the common CG of the joined stack, at t = 0.
 
     Parameters

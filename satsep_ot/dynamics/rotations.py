@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
 from satsep_ot.dynamics.compilation import OPTIONS
 
@@ -37,7 +38,7 @@ def quaternion_from_rotation_vector(rx, ry, rz):
     return math.cos(half), scale * rx, scale * ry, scale * rz
 
 
-def rotation_matrix(quaternion):
+def rotation_matrix(quaternion: ArrayLike) -> np.ndarray:
     """The 3 x 3 matrix that turns body components into reference components.
 
     Parameters
@@ -54,7 +55,7 @@ def rotation_matrix(quaternion):
     return np.array(rotation_matrix_elements(*(float(component) for component in quaternion))).reshape(3, 3)
 
 
-def quaternion_from_matrix(matrix):
+def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:
     """The unit quaternion of a rotation matrix (3, 3), body to reference; the inverse of `rotation_matrix`.
 
     Its components' products make up 4 q q^T, of which the row with the largest diagonal element is taken.
@@ -79,14 +80,14 @@ def quaternion_from_matrix(matrix):
     return row / np.linalg.norm(row)
 
 
-def quaternion_product(left, right):
+def quaternion_product(left: ArrayLike, right: ArrayLike) -> np.ndarray:
     """The quaternion product left (x) right, shape (4,): first the turn `right`, then the turn `left`."""
     w, v = left[0], np.asarray(left[1:], dtype=float)
     other_w, other_v = right[0], np.asarray(right[1:], dtype=float)
     return np.concatenate([[w * other_w - v @ other_v], w * other_v + other_w * v + np.cross(v, other_v)])
 
 
-def quaternion_from_euler_angles(roll, pitch, yaw):
+def quaternion_from_euler_angles(roll: float, pitch: float, yaw: float) -> np.ndarray:
     """The quaternion of the 3-2-1 Euler angles of equation 7: yaw about z, then pitch about y, then roll about x.
 
     Parameters
@@ -112,7 +113,7 @@ def quaternion_from_euler_angles(roll, pitch, yaw):
     return quaternion_product(quaternion_product(turns[0], turns[1]), turns[2])
 
 
-def euler_angles(quaternion):
+def euler_angles(quaternion: ArrayLike) -> tuple[float, float, float]:
     """The 3-2-1 Euler angles (roll, pitch, yaw) [rad] of a quaternion; at pitch = +-90 deg roll is reported as 0."""
     matrix = rotation_matrix(quaternion)
     across = math.hypot(matrix[0, 0], matrix[1, 0])

@@ -120,7 +120,7 @@ G_SPRINGS, G_SPRING_SIZE = integers(G + 21, 14)
 X_BLOCK = X + 16
 
 
-def places(row, count):
+def places(row: int, count: int) -> np.ndarray:
     """Where `count` rows of a sweep's array start, from `row` on."""
     return integers(*range(LANES * row, LANES * (row + count), LANES))
 
@@ -142,7 +142,7 @@ LAM0, MU0, G0, G_STOWED0 = integers(*(LANES * np.array([LAM, MU, G, G_STOWED])))
 L1, L2, L3, L4, L5, L6, L7, L8, L9, L10, L11, L12, L13 = places(1, 13)
 
 
-def sweep_size(spring_number, plane_number):
+def sweep_size(spring_number: int, plane_number: int) -> int:
     """Numbers that the working array of a sweep takes."""
     return LANES * (G_SPRINGS + G_SPRING_SIZE * spring_number + 8 + plane_number)
 

@@ -15,7 +15,7 @@ from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
-from satsep_ot.dynamics.system import integers
+from satsep_ot.dynamics.system import Array, integers
 
 # The flat parameter vector of a run. A uncertain input or a design variable is a direction in this space.
 _INERTIA_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -55,7 +55,7 @@ class Status(enum.IntEnum):
     NO_SPRING = 7
 
     @property
-    def sentence(self):
+    def sentence(self) -> str:
         return _SENTENCES[self]
 
 
@@ -98,8 +98,8 @@ class Body:
     """
 
     mass: float
-    inertia: np.ndarray
-    center_of_mass: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    inertia: Array
+    center_of_mass: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self):
         inertia = np.asarray(self.inertia, dtype=float)
@@ -111,7 +111,7 @@ class Body:
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "center_of_mass", np.asarray(self.center_of_mass, dtype=float))
 
-    def parameters(self):
+    def parameters(self) -> np.ndarray:
         """Mass, six tensor elements and CG, as they stand in the flat parameter vector."""
         i = self.inertia
         return np.array([self.mass, i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2], *self.center_of_mass])
@@ -146,16 +146,16 @@ class Springs:
     4
     """
 
-    angle: np.ndarray
-    radius: np.ndarray
-    stiffness: np.ndarray
-    deformation: np.ndarray
-    stroke: np.ndarray
-    cant: np.ndarray = 0.0
-    delay: np.ndarray = 0.0
-    scale: np.ndarray = 1.0
+    angle: Array
+    radius: Array
+    stiffness: Array
+    deformation: Array
+    stroke: Array
+    cant: Array = 0.0
+    delay: Array = 0.0
+    scale: Array = 1.0
     tables: tuple | None = None
-    laws: np.ndarray | None = None
+    laws: Array | None = None
 
     def __post_init__(self):
         count = np.size(self.angle)
@@ -181,14 +181,14 @@ class Springs:
         object.__setattr__(self, "tables", tables)
         object.__setattr__(self, "laws", laws)
 
-    def __len__(self):
+    def __len__(self) -> int:
         return self.angle.size
 
-    def parameters(self):
+    def parameters(self) -> np.ndarray:
         """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector."""
         return np.stack([getattr(self, name) for name in _SPRING_NAMES], axis=1).ravel()
 
-    def joined(self, other):
+    def joined(self, other: "Springs") -> "Springs":
         """These springs and then those of `other`."""
         values = {
             name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in (*_SPRING_NAMES, "laws")
@@ -223,7 +223,9 @@ def _checked_table(i, table, stroke):
     return table
 
 
-def umbilical(angle, radius, stiffness, deformation, stroke, friction, engagement):
+def umbilical(
+    angle: float, radius: float, stiffness: float, deformation: float, stroke: float, friction: float, engagement: float
+) -> Springs:
     """An umbilical connector as two springs: its short, off-centre push, and the friction of its pins.
 
     Parameters
@@ -334,18 +336,18 @@ class Separation:
     springs: Springs
     force_line: ForceLine = ForceLine.GUIDED
     stowed_length: float = 0.0
-    attitude: np.ndarray = (1.0, 0.0, 0.0, 0.0)
-    rates: np.ndarray = (0.0, 0.0, 0.0)
-    mounting_error: np.ndarray = (0.0, 0.0, 0.0)
+    attitude: Array = (1.0, 0.0, 0.0, 0.0)
+    rates: Array = (0.0, 0.0, 0.0)
+    mounting_error: Array = (0.0, 0.0, 0.0)
     pivot: Pivot = Pivot.STACK
     orbit: Orbit | None = None
     gradient_torque: bool = False
-    envelope: np.ndarray | None = None
+    envelope: Array | None = None
     recess_radius: float = 0.0
     recess_depth: float = 0.0
-    recess_planes: np.ndarray | None = None
-    impulse: np.ndarray = (0.0, 0.0, 0.0)
-    angular_impulse: np.ndarray = (0.0, 0.0, 0.0)
+    recess_planes: Array | None = None
+    impulse: Array = (0.0, 0.0, 0.0)
+    angular_impulse: Array = (0.0, 0.0, 0.0)
     guide_friction: float = 0.0
     recontact: Recontact | None = None
     horizon: float = 10.0
@@ -389,7 +391,7 @@ class Separation:
         if problem:
             raise ValueError(problem)
 
-    def parameters(self):
+    def parameters(self) -> np.ndarray:
         """The flat parameter vector, shape (P,); see `parameter_names`."""
         return np.concatenate(
             [
@@ -406,19 +408,19 @@ class Separation:
             ]
         )
 
-    def parameter_names(self):
+    def parameter_names(self) -> list[str]:
         """The P names of the flat parameter vector."""
         springs = [f"springs[{i}].{name}" for i in range(len(self.springs)) for name in _SPRING_NAMES]
         return [*_COMMON_NAMES, *springs, *(f"planes[{i}].offset" for i in range(len(self.recess_planes)))]
 
-    def recess_points(self):
+    def recess_points(self) -> np.ndarray:
         """The envelope points that start in the recess, shape (E', 3) [m]: those whose clearance is followed."""
         if self.envelope is None:
             return np.empty((0, 3))
         y = self.envelope[:, 1] + self.stowed_length  # a strut's satellite stands that much above the ring plane
         return self.envelope[(y >= 0.0) & (y < self.recess_depth)]
 
-    def platform_orbit(self):
+    def platform_orbit(self) -> np.ndarray:
         """mu, ECI position and velocity of the platform's CG at t = 0, shape (7,)."""
         if self.orbit is None:
             return np.zeros(7)
@@ -443,7 +445,7 @@ STOWED, RECESS_RADIUS, RECESS_DEPTH = integers(26, 27, 28)
 IMPULSE, ANGULAR_IMPULSE, FRICTION_COEFFICIENT = integers(29, 32, 35)
 
 
-def invalid_parameter(separation, parameters):
+def invalid_parameter(separation: Separation, parameters: np.ndarray) -> str | None:
     """What is wrong with a parameter vector, in one sentence that names it; None if nothing is."""
     laws = separation.springs.laws
     for name, value in zip(separation.parameter_names(), parameters, strict=True):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 
 from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
@@ -222,30 +223,30 @@ class Outcome:
     def _table(self):
         return quantity_table(self.separation)
 
-    def quantity(self, name):
+    def quantity(self, name: str) -> np.ndarray:
         """The quantity of that name for every run, shape (n,), in its own unit."""
         return self._table[name].value(self.base)
 
-    def quantity_gradient(self, name):
+    def quantity_gradient(self, name: str) -> np.ndarray:
         """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base."""
         quantity = self._table[name]
         return np.einsum("nc,ncp->np", quantity.gradient(self.base), self.gradients[:, list(quantity.columns)])
 
-    def explain(self, row):
+    def explain(self, row: int) -> str:
         """One sentence on how run `row` ended; for invalid parameters it names the first and its value."""
         if self.status[row] == Status.INVALID_PARAMETERS:
             return invalid_parameter(self.separation, self.parameters[row]) or Status.INVALID_PARAMETERS.sentence
         return Status(self.status[row]).sentence
 
 
-def gravity_level(separation):
+def gravity_level(separation: Separation) -> int:
     """The level of gravity that the kernels take."""
     if separation.orbit is None:
         return NO_GRAVITY
     return GRAVITY_WITH_TORQUE if separation.gradient_torque else GRAVITY
 
 
-def parameter_rows(separation, parameters):
+def parameter_rows(separation: Separation, parameters: ArrayLike | None) -> np.ndarray:
     """The parameter vectors as a contiguous (n, P) array; the nominal one if none is given."""
     nominal = separation.parameters()
     rows = np.ascontiguousarray(np.atleast_2d(nominal if parameters is None else np.asarray(parameters, dtype=float)))
@@ -254,14 +255,14 @@ def parameter_rows(separation, parameters):
     return rows
 
 
-def check_tolerance(tolerance):
+def check_tolerance(tolerance: float) -> float:
     """Refuse a tolerance that double precision cannot give or that means nothing."""
     if not 1e-13 <= tolerance <= 1e-2:
         raise ValueError(f"tolerance = {tolerance}; 1e-13 to 1e-2 is allowed")
     return float(tolerance)
 
 
-def simulate(separation, parameters=None, tolerance=1e-8):
+def simulate(separation: Separation, parameters: ArrayLike | None = None, tolerance: float = 1e-8) -> Outcome:
     """Simulate n separations.
 
     Parameters
@@ -286,7 +287,12 @@ def simulate(separation, parameters=None, tolerance=1e-8):
     return _simulate(separation, parameters, np.empty(0), tolerance)[0]
 
 
-def simulate_with_gradients(separation, parameters=None, quantities=None, tolerance=1e-8):
+def simulate_with_gradients(
+    separation: Separation,
+    parameters: ArrayLike | None = None,
+    quantities: list[str] | None = None,
+    tolerance: float = 1e-8,
+) -> Outcome:
     """Simulate n separations with the exact derivatives of quantities with respect to all parameters.
 
     They go through every located event (a release moves with the inputs, an exit too), by the reverse mode. A quantity
@@ -328,7 +334,7 @@ def simulate_with_gradients(separation, parameters=None, quantities=None, tolera
     return replace(outcome, gradients=full)
 
 
-def base_size(separation):
+def base_size(separation: Separation) -> int:
     """How many columns the base of a separation has."""
     return STATE_SIZE + 2 + len(separation.recess_points()) + (separation.recontact is not None)
 
@@ -414,7 +420,9 @@ class Trajectory:
     last_release: np.ndarray
 
 
-def trajectory(separation, times, parameters=None, tolerance=1e-8):
+def trajectory(
+    separation: Separation, times: ArrayLike, parameters: ArrayLike | None = None, tolerance: float = 1e-8
+) -> Trajectory:
     """One run, landed on exactly at each of the times.
 
     Parameters
@@ -445,7 +453,7 @@ def trajectory(separation, times, parameters=None, tolerance=1e-8):
     )
 
 
-def inertial_motion(states):
+def inertial_motion(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Inertial velocity difference and distance of the CGs, from states (..., 20).
 
     Returns

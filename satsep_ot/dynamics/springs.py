@@ -23,9 +23,11 @@ Numerical Analysis 17 (1980), for the tables.
 
 import enum
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
+from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
 from satsep_ot.dynamics.compilation import INLINE, KERNEL, known, larger
@@ -186,7 +188,7 @@ def add_to_sums(i, sign, c, marks, w):
             c[known(SUMS + SUM_ROWS * j) + n] += factor * w[ROW + n]
 
 
-def table_segments(tables, size):
+def table_segments(tables: Sequence[ArrayLike | None], size: int) -> np.ndarray:
     """Force-stroke tables as piecewise cubics for the kernels.
 
     Parameters

@@ -12,12 +12,17 @@ State of a run (20 numbers, SI, radians), platform axes unless said:
 ====== ==========================================================================================
 """
 
+from typing import Any
+
 import numpy as np
+
+# A field that holds an array, and is given as anything that makes one.
+Array = np.ndarray | Any
 
 STATE_SIZE = 20
 
 
-def integers(*values):
+def integers(*values: int) -> np.ndarray:
     """Constants for the kernels: numba compiles a function anew for every Python integer that it is called with."""
     return np.array(values, dtype=np.int64)
 

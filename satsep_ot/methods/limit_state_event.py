@@ -3,7 +3,8 @@
 import ctypes
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -31,7 +32,7 @@ class Runs:
     weights: np.ndarray
     expected: np.ndarray
 
-    def __len__(self):
+    def __len__(self) -> int:
         return len(self.u)
 
     @staticmethod
@@ -49,7 +50,7 @@ class Limit:
     margin: Callable
 
     @staticmethod
-    def of(event) -> "Limit":
+    def of(event: Any) -> "Limit":
         """The limit state of an event, refusing what has none with the reason."""
         kind = eventKind(event)
         if kind in ("UnionEvent", "IntersectionEvent"):
@@ -82,7 +83,7 @@ class Limit:
         )
 
 
-def eventKind(event) -> str:
+def eventKind(event: Any) -> str:
     """Class name of an event, also of one that is wrapped as a RandomVector."""
     name = event.getClassName()
     if name != "RandomVector":
@@ -90,7 +91,7 @@ def eventKind(event) -> str:
     return repr(event).split("implementation=class=")[1].split()[0].removesuffix("Implementation")
 
 
-def thresholdMargin(operator, threshold: float) -> Callable:
+def thresholdMargin(operator: ot.ComparisonOperator, threshold: float) -> Callable:
     """Function of values (n,) that is at most 0 where the operator holds between the value and the threshold."""
     if not math.isfinite(threshold):
         raise ValueError(f"the threshold of the event is {threshold}; it must be finite")
@@ -165,13 +166,13 @@ class LimitStateEvent:
 
     def __init__(
         self,
-        event,
-        function=None,
-        composition=None,
-        smoothIndices=None,
-        surrogateComposition=None,
-        nonFinitePolicy="raise",
-    ):
+        event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent,
+        function: ot.Function | None = None,
+        composition: ot.Function | None = None,
+        smoothIndices: Sequence[int] | None = None,
+        surrogateComposition: ot.Function | None = None,
+        nonFinitePolicy: str = "raise",
+    ) -> None:
         if nonFinitePolicy not in NON_FINITE_POLICIES:
             raise ValueError(
                 f"the policy for non-finite outputs is {nonFinitePolicy!r}; give one of {NON_FINITE_POLICIES}"
@@ -277,9 +278,7 @@ class LimitStateEvent:
             failed[~finite] = self.nonFinitePolicy == "failure"
             self.nonFiniteNumber += int(np.count_nonzero(~finite))
         size = len(outputs)
-        return Runs(
-            u, x, outputs, margins, failed, finite, np.full(size, phase), np.full(size, np.nan), np.zeros(size)
-        )
+        return Runs(u, x, outputs, margins, failed, finite, np.full(size, phase), np.full(size, np.nan), np.zeros(size))
 
     def _describe(self, x):
         names = self.distribution.getDescription()

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -120,7 +121,7 @@ class Estimate:
         At least one.
     """
 
-    def __init__(self, blocks: list[Block]):
+    def __init__(self, blocks: list[Block]) -> None:
         sizes = np.array([block.size for block in blocks], dtype=float)
         total = sizes.sum()
         share = sizes / total
@@ -206,7 +207,7 @@ def failureSampleOf(
             block.runs.failed,
             block.weights,
         )
-    return fs.FailureSample(
+    return fs.FailureSample(  # type: ignore[call-arg]
         *(np.concatenate(part) for part in (x, weights, expected, groups)),
         np.array(inflation),
         np.array(common),
@@ -295,22 +296,22 @@ class ActiveSubspaceReliabilityResult:
 
     def __init__(
         self,
-        event,
-        distribution,
-        probability,
-        variance,
-        interval,
-        surrogateProbability,
-        phases,
-        diagnostics,
-        converged,
-        reason,
-        method,
-        runs,
-        history,
-        view,
-        failureSample,
-    ):
+        event: Any,
+        distribution: ot.Distribution,
+        probability: float,
+        variance: float,
+        interval: Any,
+        surrogateProbability: float | None,
+        phases: dict[str, int],
+        diagnostics: dict[str, Any],
+        converged: bool,
+        reason: str,
+        method: str,
+        runs: Any,
+        history: list,
+        view: Any,
+        failureSample: Any,
+    ) -> None:
         self._event = event
         self._distribution = distribution
         self._probability = probability
@@ -327,7 +328,7 @@ class ActiveSubspaceReliabilityResult:
         self._view = view
         self._failureSample = failureSample
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         interval = self.getConfidenceInterval()
         return (
             f"ActiveSubspaceReliabilityResult(probability={self._probability:.4e}, "
@@ -561,7 +562,7 @@ class ActiveSubspaceReliabilityResult:
         writeResult(path, {name.removeprefix("_"): value for name, value in fields.items()})
 
     @staticmethod
-    def load(path: str | os.PathLike, event=None) -> "ActiveSubspaceReliabilityResult":
+    def load(path: str | os.PathLike, event: Any | None = None) -> "ActiveSubspaceReliabilityResult":
         """The result that `save` has written.
 
         Parameters

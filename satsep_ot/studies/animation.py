@@ -1,6 +1,7 @@
 """Runs of a separation as plain data that a page can draw moving: the bodies' shapes, and where they are over time."""
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -70,7 +71,7 @@ def _flat_faces(points):
     return faces
 
 
-def animation_data(separation: Separation, runs: dict[str, ArrayLike]) -> dict:
+def animation_data(separation: Separation, runs: Mapping[str, ArrayLike]) -> dict:
     """Everything that the moving view of a report draws.
 
     Parameters
