@@ -113,6 +113,29 @@ def test_workers_that_are_killed_in_the_middle(victims):
     assert not set(killed) & set(worker_processes(cluster))
 
 
+def test_a_scheduler_that_goes_away_in_the_middle(victims):
+    cluster, executor = victims
+    function = ParallelFunction(ot.PythonFunction(1, 1, slowly), executor)
+    function.setChunkSize(4)
+    done = []
+    function.setProgressCallback(done.append)
+
+    def close():
+        while not done or done[-1] < 10.0:
+            time.sleep(0.01)
+        cluster.close()
+
+    with ThreadPoolExecutor(1) as other:
+        closed = other.submit(close)
+        with pytest.raises(
+            FunctionChunkError, match=r"could not be computed in .*(worker was lost|cannot be asked)"
+        ) as caught:
+            function.evaluate(POINTS)
+        closed.result()
+    assert len(caught.value.rows) >= 20
+    assert np.array_equal(caught.value.values, 2.0 * POINTS[caught.value.rows])
+
+
 def test_a_chunk_that_kills_its_workers_is_named(victims, tmp_path):
     function = ParallelFunction(doubled(tmp_path, die, 150.0, 99), victims[1])
     function.setChunkSize(10)

@@ -11,8 +11,17 @@ PACKAGE = Path(satsep_ot.__file__).parent
 ALLOWED = {
     "dynamics": {"numpy", "numba", "scipy", "satsep_ot.dynamics"},
     "model": {"numpy", "openturns", "satsep_ot.dynamics", "satsep_ot.model"},
-    # cloudpickle and distributed are optional: they are imported where they are there.
-    "methods": {"numpy", "scipy", "openturns", "threadpoolctl", "cloudpickle", "distributed", "satsep_ot.methods"},
+    # cloudpickle, dill and distributed are optional: they are imported where they are there.
+    "methods": {
+        "numpy",
+        "scipy",
+        "openturns",
+        "threadpoolctl",
+        "cloudpickle",
+        "dill",
+        "distributed",
+        "satsep_ot.methods",
+    },
     "studies": {"numpy", "scipy", "openturns", "matplotlib", "jinja2", "markupsafe", "satsep_ot"},
 }
 STANDARD_LIBRARY = {

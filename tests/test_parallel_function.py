@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+import subprocess
+import sys
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -14,6 +16,7 @@ from mischief import Twice, die, forget_values, lose_rows, raise_error, return_t
 from scipy import integrate, stats
 
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
+from satsep_ot.methods.chunk_scheduler import _load
 from satsep_ot.methods.executors import processes
 from satsep_ot.methods.parallel_function import FunctionChunkError, ParallelFunction
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
@@ -77,6 +80,41 @@ def test_bits_do_not_depend_on_workers_and_chunks(model, chunk, threads, pool):
         assert np.array_equal(function.evaluate(X), expected)
         assert np.array_equal(np.array(ot.Function(function)(ot.Sample(X))), expected)
     assert np.array_equal(np.array(ot.Function(function)(X[0])), expected[0])
+
+
+SCRIPT = """
+import math
+import sys
+import openturns as ot
+from satsep_ot.methods.chunk_scheduler import Work
+from satsep_ot.methods.parallel_function import FunctionWork
+
+FACTOR = 3.0
+
+def factor(value):
+    return FACTOR * math.sqrt(value)
+
+class Model(ot.OpenTURNSPythonFunction):
+    def __init__(self):
+        super().__init__(1, 1)
+
+    def _exec(self, x):
+        return [factor(x[0])]
+
+for number, model in enumerate((ot.PythonFunction(1, 1, lambda x: [factor(x[0])]), Model(), ot.Function(Model()))):
+    with open(f"{sys.argv[1]}/{number}", "wb") as stream:
+        stream.write(Work(FunctionWork(model)).payload)
+"""
+
+
+def test_functions_of_a_script_take_what_they_use_with_them(tmp_path):
+    """Workers elsewhere do not have the script: its functions go by value, those inside OpenTURNS' pickles too."""
+    pytest.importorskip("cloudpickle")
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    subprocess.run([sys.executable, str(tmp_path / "script.py"), str(tmp_path)], check=True)
+    for number in range(3):
+        function = _load((tmp_path / str(number)).read_bytes())
+        assert function(("evaluate", np.array([[4.0]]))).tolist() == [[6.0]]
 
 
 def test_a_plain_python_function(pool):

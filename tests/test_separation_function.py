@@ -160,7 +160,9 @@ def test_the_row_named_counts_through_chunks(model, monkeypatch):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_inputs_that_are_not_finite(model, value):
+def test_inputs_that_are_not_finite(model, value, monkeypatch):
+    """In the second chunk, too."""
+    monkeypatch.setattr("satsep_ot.model.separation_function._CHUNK", 2)
     x = draw(3)
     x[2, 28] = value
     with pytest.raises(SeparationError, match=rf"rate_x = {value} in row 2"):

@@ -21,6 +21,11 @@ try:
     import cloudpickle as pickler
 except ImportError:
     pickler = pickle
+try:
+    # What OpenTURNS pickles Python functions with, inside its own pickles.
+    import dill
+except ImportError:
+    dill = None
 
 # Between two looks at the clocks of chunks [s].
 _POLL = 0.2
@@ -86,8 +91,10 @@ class Work:
     def payload(self) -> bytes:
         """The function as workers get it, with every chunk: they know it again by its bytes."""
         try:
+            with _withGlobals():
+                pickled = pickler.dumps(self.function)
             # OpenTURNS' objects are XML in their pickles, a fifteenth of it when compressed.
-            return zlib.compress(pickler.dumps(self.function), 1)
+            return zlib.compress(pickled, 1)
         except Exception as error:
             raise TypeError(
                 f"the function cannot be sent to another process ({type(error).__name__}: {error}); define it at the "
@@ -99,6 +106,20 @@ class Work:
 
     def __reduce__(self):
         return Work, (self.function,)
+
+
+@contextlib.contextmanager
+def _withGlobals():
+    """A function of a script takes the modules and numbers that it uses with it, as cloudpickle has it by itself."""
+    if dill is None:
+        yield
+        return
+    before = dill.settings["recurse"]
+    dill.settings["recurse"] = True
+    try:
+        yield
+    finally:
+        dill.settings["recurse"] = before
 
 
 @dataclasses.dataclass(eq=False)
@@ -309,7 +330,14 @@ class _Run:
         now = time.monotonic()
         if now - self._looked < _WORKER_POLL and (self._workers or now - self._looked < _POLL):
             return
-        self._looked, self._workers = now, workerNumber(self._scheduler._current())
+        try:
+            self._looked, self._workers = now, workerNumber(self._scheduler._current())
+        except Exception as error:
+            if not self._running:
+                raise
+            chunk = self._running[0]
+            reason = f"the cluster cannot be asked for its workers any more ({type(error).__name__}: {error})"
+            raise ChunkError(chunk.first, chunk.end, chunk.attempts + 1, reason) from error
         if self._workers:
             self._moved = now if self._lonely is not None else self._moved
             self._lonely = None

@@ -102,4 +102,6 @@ def daskExecutor(address: str, timeout: float = 10.0) -> Iterator[Executor]:
         try:
             yield executor
         finally:
-            executor.shutdown(wait=False)
+            # A scheduler that is gone meanwhile needs no good-bye.
+            with contextlib.suppress(Exception):
+                executor.shutdown(wait=False)
