@@ -1,0 +1,447 @@
+"""Do the fast tests notice a wrong sign, bound or factor? Mutants of the simulator's kernels and of the estimator.
+
+    python tests/benchmarks/mutation_check.py FOLDER [--seed 1] [--dynamics 50] [--methods 80]
+
+Copies the last commit into FOLDER, changes one operator or number at a time there, at random places, runs the fast
+tests that concern the file, the quickest first, and stops at the first that fails. The results are kept in FOLDER:
+started again, it goes on where it was. Kernels run as plain Python, so that a mutant of them costs no compilation; what
+survives that runs all tests of the simulator once more, compiled.
+"""
+
+import argparse
+import ast
+import importlib
+import io
+import json
+import math
+import os
+import platform
+import random
+import signal
+import subprocess
+import sys
+import tarfile
+import time
+import traceback
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+QUICK_TEST = 2.5  # s: longer ones are left to the second, compiled stage
+PATIENCE = 200.0  # s for the tests of one mutant; one that never ends is noticed, too
+MOTION = ("closed_forms", "force_contract", "bad_input")
+ALL_MOTION = (
+    *MOTION, "rotations", "orbit", "relative_orbit", "invariants", "conservation", "simulation", "sensitivities",
+    "separation_function", "run_document",
+)  # fmt: skip
+ESTIMATE = ("reliability", "failure_sample", "true_runs")
+# File -> the tests that concern it, beside its own doctests.
+FILES = {
+    "dynamics": {
+        "rotations": ("rotations", *MOTION),
+        "rigid_body": MOTION,
+        "springs": MOTION,
+        "gravity": MOTION,
+        "integration": MOTION,
+        "flight": MOTION,
+        "simulation": MOTION,
+        "sensitivities": ("sensitivities",),
+        "separation": ("bad_input", *MOTION),
+        "quantities": MOTION,
+        "orbit": ("orbit", *MOTION),
+        "relative_orbit": ("relative_orbit", *MOTION),
+    },
+    "methods": {
+        "active_subspace": ("active_subspace", "active_dimension"),
+        "active_subspace_result": ("active_subspace",),
+        "importance_proposal": ESTIMATE,
+        "limit_state_event": ESTIMATE,
+        "limit_state_surrogate": ESTIMATE,
+        "polynomial_basis": ("polynomial_basis", "polynomial_regression"),
+        "polynomial_design": ("polynomial_design",),
+        "polynomial_distribution": ("polynomial_distribution",),
+        "polynomial_prediction": ("polynomial_prediction", "polynomial_regression"),
+        "polynomial_regression": ("polynomial_regression",),
+        "reliability": ESTIMATE,
+        "standard_space": ("standard_space", "active_subspace"),
+        "subspace_estimation": ("active_subspace",),
+    },
+}
+# (file, line as it is, line as it was made) -> why no test can tell the two apart.
+EQUIVALENT = {}
+
+OPERATORS = {
+    ast.Add: ("+", ["-"]),
+    ast.Sub: ("-", ["+"]),
+    ast.Mult: ("*", ["/"]),
+    ast.Div: ("/", ["*"]),
+    ast.Lt: ("<", ["<=", ">"]),
+    ast.LtE: ("<=", ["<", ">="]),
+    ast.Gt: (">", [">=", "<"]),
+    ast.GtE: (">=", [">", "<="]),
+    ast.Eq: ("==", ["!="]),
+    ast.NotEq: ("!=", ["=="]),
+    ast.And: ("and", ["or"]),
+    ast.Or: ("or", ["and"]),
+}
+OPPOSITES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any"}
+
+
+class Places(ast.NodeVisitor):
+    """Every (start, end, replacements) in a text at which something can be made wrong."""
+
+    def __init__(self, text):
+        self.text, self.found = text, []
+        self.lines = [0]
+        for line in text.splitlines(keepends=True):
+            self.lines.append(self.lines[-1] + len(line.encode()))
+        self.bytes = text.encode()
+        self.visit(ast.parse(text))
+
+    def offset(self, line, column):
+        return self.lines[line - 1] + column
+
+    def between(self, left, right, operator):
+        """The operator between two nodes."""
+        symbol, others = OPERATORS[type(operator)]
+        start = self.offset(left.end_lineno, left.end_col_offset)
+        end = self.offset(right.lineno, right.col_offset)
+        at = self.bytes.find(symbol.encode(), start, end)
+        if at >= 0:
+            self.found.append((at, at + len(symbol), others))
+
+    def visit_BinOp(self, node):
+        if type(node.op) in OPERATORS:
+            self.between(node.left, node.right, node.op)
+        self.generic_visit(node)
+
+    def visit_AugAssign(self, node):
+        if type(node.op) in OPERATORS:
+            self.between(node.target, node.value, node.op)
+        self.visit(node.value)
+
+    def visit_Compare(self, node):
+        operands = [node.left, *node.comparators]
+        for left, right, operator in zip(operands, operands[1:], node.ops, strict=False):
+            if type(operator) in OPERATORS:
+                self.between(left, right, operator)
+        self.generic_visit(node)
+
+    def visit_BoolOp(self, node):
+        for left, right in zip(node.values, node.values[1:], strict=False):
+            self.between(left, right, node.op)
+        self.generic_visit(node)
+
+    def visit_UnaryOp(self, node):
+        start = self.offset(node.lineno, node.col_offset)
+        if isinstance(node.op, ast.USub):
+            self.found.append((start, start + 1, [""]))
+        elif isinstance(node.op, ast.Not):
+            self.found.append((start, start + 3, [""]))
+        self.generic_visit(node)
+
+    def visit_Constant(self, node):
+        if isinstance(node.value, bool) or not isinstance(node.value, (int, float)):
+            return
+        start, end = self.offset(node.lineno, node.col_offset), self.offset(node.end_lineno, node.end_col_offset)
+        value = node.value
+        others = [value + 1] if isinstance(value, int) else [1.0] if value == 0.0 else [2.0 * value, 0.5 * value]
+        self.found.append((start, end, [repr(other) for other in others]))
+
+    def visit_Name(self, node):
+        if node.id in OPPOSITES and isinstance(node.ctx, ast.Load):
+            start = self.offset(node.lineno, node.col_offset)
+            self.found.append((start, start + len(node.id), [OPPOSITES[node.id]]))
+
+    def visit_Attribute(self, node):
+        if node.attr in OPPOSITES:
+            end = self.offset(node.end_lineno, node.end_col_offset)
+            self.found.append((end - len(node.attr), end, [OPPOSITES[node.attr]]))
+        self.visit(node.value)
+
+    def visit_FunctionDef(self, node):
+        # No decorators, no annotations; a message may say what it likes.
+        if node.name != "__repr__":
+            for default in [*node.args.defaults, *filter(None, node.args.kw_defaults)]:
+                self.visit(default)
+            for statement in node.body:
+                self.visit(statement)
+
+    def visit_AnnAssign(self, node):
+        if node.value is not None:
+            self.visit(node.value)
+
+    def visit_JoinedStr(self, node):
+        pass
+
+    visit_Raise = visit_Assert = visit_Import = visit_ImportFrom = visit_JoinedStr
+
+
+def mutants(folder, numbers, seed):
+    """The mutants, in random order: file, place, what is put there, and the line before and after."""
+    generator, chosen = random.Random(seed), []
+    for layer, files in FILES.items():
+        places = []
+        for name in files:
+            path = f"satsep_ot/{layer}/{name}.py"
+            text = (folder / path).read_text(encoding="utf-8")
+            places += [(path, place) for place in Places(text).found]
+        for path, (start, end, others) in generator.sample(places, numbers[layer]):
+            content = (folder / path).read_bytes()
+            put = generator.choice(others)
+            changed = content[:start] + put.encode() + content[end:]
+            number = content[:start].count(b"\n")
+            before, after = (text.splitlines()[number].decode().strip() for text in (content, changed))
+            chosen.append(dict(path=path, line=number + 1, start=start, end=end, put=put, before=before, after=after))
+    generator.shuffle(chosen)
+    return chosen
+
+
+class Order:
+    """A plug-in of pytest: the quickest tests first, those that take long or fail without a mutant not at all."""
+
+    def __init__(self, durations=None):
+        self.durations, self.measured, self.failed = durations, {}, []
+
+    def pytest_collection_modifyitems(self, items):
+        if self.durations is not None:
+            items[:] = [item for item in items if self.durations.get(item.nodeid, math.inf) < QUICK_TEST]
+            items.sort(key=lambda item: self.durations[item.nodeid])
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_call(self, item):
+        # In processor time: other programs may slow this one down.
+        start = time.process_time()
+        signal.setitimer(signal.ITIMER_PROF, QUICK_TEST if self.durations is None else 4.0 * QUICK_TEST)
+        try:
+            return (yield)
+        finally:
+            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            self.measured[item.nodeid] = time.process_time() - start
+
+    def pytest_runtest_logreport(self, report):
+        if report.failed:
+            self.failed.append(report.nodeid)
+
+
+class TooSlow(BaseException):
+    """No Exception: hypothesis would take it for a counterexample, and look for a simpler one."""
+
+
+def end_test(number, frame):
+    raise TooSlow
+
+
+def tests_of(path):
+    layer, name = path.split("/")[1:]
+    return [*(f"tests/test_{test}.py" for test in FILES[layer][name.removesuffix(".py")]), path]
+
+
+def in_child(folder, job, patience):
+    """What a job returns that runs in a copy of this process; None where it takes too long or dies."""
+    answer = folder / "answer.json"
+    answer.unlink(missing_ok=True)
+    child = os.fork()
+    if child == 0:
+        try:
+            os.setsid()
+            os.chdir(folder)
+            sys.path[:0] = [str(folder), str(folder / "tests")]
+            with open(folder / "output.txt", "w") as output:
+                os.dup2(output.fileno(), 1)
+                os.dup2(output.fileno(), 2)
+            answer.write_text(json.dumps(job()))
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(0)
+    deadline = time.monotonic() + patience
+    while os.waitpid(child, os.WNOHANG)[0] == 0:
+        if time.monotonic() > deadline:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            return None
+        time.sleep(0.05)
+    return json.loads(answer.read_text()) if answer.exists() else None
+
+
+def run_tests(files, plugin, *options):
+    # Plain Python warns of the divisions by zero that compiled code makes without a word.
+    common = [
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "-m",
+        "not slow",
+        "--assert=plain",
+        "--hypothesis-seed=0",
+        "-W",
+        "ignore::RuntimeWarning",
+    ]
+    signal.signal(signal.SIGPROF, end_test)
+    pytest.main([*common, *options, *files], plugins=[plugin])
+    package = sys.modules.get("satsep_ot")
+    assert package is None or Path(package.__file__).is_relative_to(Path.cwd()), package.__file__
+
+
+def prepare(folder):
+    """The last commit as a copy; nothing in it is compiled, so that kernels have no `py_func` behind them."""
+    if (folder / "commit").exists():
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, check=True, capture_output=True).stdout
+    with tarfile.open(fileobj=io.BytesIO(archive)) as packed:
+        packed.extractall(folder, filter="data")
+    for path in (folder / "satsep_ot" / "dynamics").glob("*.py"):
+        path.write_text(path.read_text(encoding="utf-8").replace(".py_func(", "("), encoding="utf-8")
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, check=True, capture_output=True, text=True)
+    (folder / "commit").write_text(commit.stdout.strip())
+
+
+def usual_durations(folder):
+    """How long each test takes without a mutant; endless for those that fail since nothing is compiled."""
+    kept = folder / "durations.json"
+    durations = json.loads(kept.read_text()) if kept.exists() else {}
+    paths = [f"satsep_ot/{layer}/{name}.py" for layer, names in FILES.items() for name in names]
+    for file in sorted({file for path in paths for file in tests_of(path)} - durations.keys()):
+
+        def measure(file=file):
+            plugin = Order()
+            run_tests([file], plugin)
+            return [plugin.measured, plugin.failed]
+
+        measured, failed = in_child(folder, measure, 3600.0)
+        print(f"{file}: {sum(measured.values()):.1f} s, {len(measured)} tests, not used {len(failed)}", flush=True)
+        durations |= measured | dict.fromkeys(failed, math.inf) | {file: 0.0}
+        kept.write_text(json.dumps(durations))
+    return durations
+
+
+def noticed(folder, mutant, durations):
+    """The first test that fails, "" if none does."""
+    path = folder / mutant["path"]
+    content = path.read_bytes()
+
+    def check():
+        plugin = Order(durations)
+        run_tests(tests_of(mutant["path"]), plugin, "-x")
+        return plugin.failed[0] if plugin.failed else ""
+
+    path.write_bytes(content[: mutant["start"]] + mutant["put"].encode() + content[mutant["end"] :])
+    try:
+        answer = in_child(folder, check, PATIENCE)
+    finally:
+        path.write_bytes(content)
+    # Collection errors have no report: nothing was measured at all then.
+    return "it never ends, or crashes" if answer is None else answer
+
+
+def noticed_compiled(folder, mutant):
+    """The same by all fast tests of the simulator, compiled; in a process of its own."""
+    path = folder / mutant["path"]
+    content = path.read_bytes()
+    path.write_bytes(content[: mutant["start"]] + mutant["put"].encode() + content[mutant["end"] :])
+    files = [
+        f"tests/test_{name}.py"
+        for name in (
+            "rotations",
+            "orbit",
+            "relative_orbit",
+            "invariants",
+            *MOTION,
+            "separation_function",
+            "run_document",
+        )
+    ]
+    command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow", *files]
+    environment = os.environ | {"PYTHONPATH": str(folder)}
+    environment.pop("NUMBA_DISABLE_JIT", None)
+    try:
+        done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=3600)
+    except subprocess.TimeoutExpired:
+        return "it never ends"
+    finally:
+        path.write_bytes(content)
+    if done.returncode == 0:
+        return ""
+    return next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "it crashes")
+
+
+def report(folder, seed, chosen, results):
+    lines = [
+        f"$ python tests/benchmarks/mutation_check.py FOLDER --seed {seed}",
+        f"commit {(folder / 'commit').read_text()[:7]}; Python {platform.python_version()}, "
+        + ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba", "openturns", "pytest")),
+        "",
+    ]
+    total = caught = equal = 0
+    for layer in FILES:
+        of_layer = [
+            (mutant, results[key(mutant)]) for mutant in chosen if layer in mutant["path"] and key(mutant) in results
+        ]
+        survivors = [mutant for mutant, answer in of_layer if not answer]
+        same = [mutant for mutant in survivors if why_equivalent(mutant)]
+        lines.append(
+            f"{layer}: {len(of_layer)} mutants, {len(of_layer) - len(survivors)} noticed, {len(same)} equivalent, "
+            f"{len(survivors) - len(same)} survive"
+        )
+        total, caught, equal = total + len(of_layer), caught + len(of_layer) - len(survivors), equal + len(same)
+        for mutant in survivors:
+            lines += [f"  {mutant['path']}:{mutant['line']}", f"    - {mutant['before']}", f"    + {mutant['after']}"]
+            if why_equivalent(mutant):
+                lines.append(f"    equivalent: {why_equivalent(mutant)}")
+    share = 100.0 * caught / max(1, total - equal)
+    lines.append(f"noticed: {caught} of {total - equal} that differ, {share:.1f} %")
+    return "\n".join(lines)
+
+
+def key(mutant):
+    return f"{mutant['path']}:{mutant['start']}:{mutant['put']}"
+
+
+def why_equivalent(mutant):
+    return EQUIVALENT.get((mutant["path"].removeprefix("satsep_ot/"), mutant["before"], mutant["after"]))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--dynamics", type=int, default=50)
+    parser.add_argument("--methods", type=int, default=80)
+    options = parser.parse_args()
+    folder = options.folder.resolve()
+    prepare(folder)
+    chosen = mutants(folder, {"dynamics": options.dynamics, "methods": options.methods}, options.seed)
+    durations = usual_durations(folder)
+    kept = folder / "results.json"
+    results = json.loads(kept.read_text()) if kept.exists() else {}
+    for stage in ("plain", "compiled"):
+        for mutant in chosen:
+            name = key(mutant) if stage == "plain" else f"compiled {key(mutant)}"
+            survives = results.get(key(mutant)) == "" and "dynamics" in mutant["path"] and not why_equivalent(mutant)
+            if name in results or (stage == "compiled" and not survives):
+                continue
+            start = time.monotonic()
+            answer = noticed(folder, mutant, durations) if stage == "plain" else noticed_compiled(folder, mutant)
+            results[name] = answer
+            if stage == "compiled":
+                results[key(mutant)] = answer
+            kept.write_text(json.dumps(results, indent=0))
+            print(
+                f"{time.monotonic() - start:4.0f} s {stage} {mutant['path']}:{mutant['line']} {mutant['before']} -> "
+                f"{mutant['after']}: {answer or 'SURVIVES'}",
+                flush=True,
+            )
+    print(report(folder, options.seed, chosen, results))
+
+
+if __name__ == "__main__":
+    # What all mutants share is imported once: each runs in a copy of this process.
+    os.environ |= {"NUMBA_DISABLE_JIT": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    sys.dont_write_bytecode = True
+    for module in ("numba", "openturns", "scipy.linalg", "scipy.stats", "scipy.integrate", "hypothesis", "matplotlib"):
+        importlib.import_module(module)
+    main()
