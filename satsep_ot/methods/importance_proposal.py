@@ -21,6 +21,7 @@ _NOMINAL_SHARE = 0.1
 _WIDE_SHARE = 0.15
 # Points of each level, and those that a mixture is fitted to.
 _LEARNING_POINTS, _FITTING_POINTS = 8000, 1200
+_BLOCK = 4096  # points
 
 
 def normalLogDensity(y: np.ndarray) -> np.ndarray:
@@ -69,7 +70,12 @@ class GaussianMixture:
 
     def logDensity(self, y: np.ndarray) -> np.ndarray:
         """Logarithm of the density, (n,)."""
-        return _logSumExp(self.logComponents(y))
+        logs = np.empty(len(y))
+        # The components of all points at once can take hundreds of MiB.
+        for start in range(0, len(y), _BLOCK):
+            rows = slice(start, start + _BLOCK)
+            logs[rows] = _logSumExp(self.logComponents(y[rows]))
+        return logs
 
     def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
         """Independent points, (size, k)."""

@@ -339,6 +339,8 @@ class SeparationStudy:
         self._start("subspaces")
         algorithm = ActiveSubspaceAlgorithm(model, distribution)
         algorithm.setSamplingSize(self._gradientSize)
+        # Only its gradients are wanted, not a subspace of all components together.
+        algorithm.setBootstrapSize(2)
         algorithm.run()
         found = algorithm.getResult()
         points, values = np.array(found.getStandardSample()), np.array(found.getOutputSample())
