@@ -125,6 +125,22 @@ def test_pandas_in_and_out(capsys):
     assert "fitted to 500 masses: Normal(mu = 10" in printed
 
 
+@pytest.mark.slow
+def test_slow_model_on_many_workers(capsys):
+    names, printed = run("slow_model_on_many_workers", capsys)
+    assert all(np.array_equal(values, names["values"][1]) for values in names["values"].values())
+    assert names["seconds"][8] < 0.5 * names["seconds"][1]
+    generator = np.random.default_rng(0)
+    spread = np.sqrt(np.log1p(np.array([0.1, 3.0 / 67.0, 0.02]) ** 2))
+    logarithms = generator.normal(np.log([30e3, 6.7e10, 1.5e-5]) - 0.5 * spread**2, spread, (400_000, 3))
+    force, modulus, inertia = np.exp(logarithms).T
+    failed = force * generator.normal(2.5, 0.01, 400_000) ** 3 / (3.0 * modulus * inertia) > 0.21
+    result = names["result"]
+    error = np.hypot(result.getCoefficientOfVariation(), 1.0 / np.sqrt(np.count_nonzero(failed)))
+    assert abs(result.getProbabilityEstimate() / failed.mean() - 1.0) < 4.0 * error
+    assert "rows 40 to 43 could not be computed in 3 attempts" in printed
+
+
 def test_every_example_is_tested():
     tested = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem for path in EXAMPLES} <= tested
@@ -178,3 +194,36 @@ def test_the_page_on_case_files_names_every_key_and_quantity():
     keys += [*case._SCATTER_KEYS, *case._PUSHES, "allowed_probability", "horizon", *QUANTITIES, *_SPRING_KEYS]
     missing = [key for key in keys if not re.search(rf"[`\".]{key}[`\"]", text)]
     assert not missing
+
+
+def test_the_script_of_the_readme_prints_what_the_readme_says(capsys):
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    exec(compile(python_blocks(ROOT / "README.md")[0], "README.md", "exec"), {})
+    numbers = [
+        [float(number) for number in re.findall(r"[\d.]+(?:e-\d+)?(?=[,\]])", line)]
+        for line in (capsys.readouterr().out, re.search(r"ActiveSubspaceReliabilityResult\(.*\)", text)[0])
+    ]
+    np.testing.assert_allclose(*numbers, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_screen_of_the_readme_is_what_a_study_prints():
+    """The rows of ActiveSubspace, which do not depend on the other rows of the table."""
+    from satsep_ot.model.separation_problem import SeparationProblem
+    from satsep_ot.studies.separation_study import SeparationStudy
+
+    screen = re.search(r"<!-- screen: begin -->(.*?)<!-- screen: end -->", (ROOT / "README.md").read_text(), re.DOTALL)[
+        1
+    ]
+    shown = re.findall(r"ActiveSubspace +(\S+) +([^.\s]+\.[^.\s]+)\.\.(\S+) +([\d,]+)", screen)
+    study = SeparationStudy(
+        SeparationProblem("reference"), ["ActiveSubspace"], seed=0, sampleSize=10_000, toleranceSize=0
+    )
+    study.run()
+    rows = [
+        (row["probability"], row["lower95"], row["upper95"], float(row["evaluations"]))
+        for row in study.getRows()
+        if row["method"] == "ActiveSubspace"
+    ]
+    expected = [tuple(float(number.replace(",", "")) for number in row) for row in shown]
+    np.testing.assert_allclose(rows, expected, rtol=5e-3)
