@@ -1,5 +1,7 @@
 """Whose a directory is: nothing of anybody else's is overwritten, and nothing is continued that is not the same."""
 
+import errno
+import fcntl
 import hashlib
 import json
 import math
@@ -158,6 +160,15 @@ def test_two_at_once_are_refused(tmp_path):
             open_directory(tmp_path, **options)
     first.close()
     open_directory(tmp_path, resume=True)
+
+
+def test_a_file_system_without_locks_will_do(tmp_path, monkeypatch):
+    def refuse(descriptor, operation):
+        raise OSError(errno.ENOLCK, "No locks available")
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    begin(tmp_path)
+    assert open_directory(tmp_path, resume=True).finished("spin", "FORM") is not None
 
 
 def test_a_step_that_cannot_be_read_is_named(tmp_path):

@@ -111,7 +111,9 @@ def test_the_estimates_follow_from_the_weights(directory, results):
     assert np.array_equal(ours.failed, np.abs(ours.outputs[:, 0]) > 1.0)
     halved = load_runs(directory, "rolling--half--rate_y")
     assert halved.computeProbability() == pytest.approx(results["tightened"]["rolling"][0]["probability"], rel=1e-12)
-    assert results["tightened"]["rolling"][0]["note"].startswith("the target coefficient of variation, 0.1, was reached")
+    assert results["tightened"]["rolling"][0]["note"].startswith(
+        "the target coefficient of variation, 0.1, was reached"
+    )
     sample = load_runs(directory, "sample")
     assert sample.computeProbability() == row(results, SYSTEM, "MonteCarlo")["probability"] > 0.0
     spin = sample.outputs[:, sample.outputNames.index("spin [deg/s]")]
@@ -168,6 +170,9 @@ def test_inputs_that_cannot_be_drawn_again_are_not_made_up(directory, tmp_path):
     path.write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(ValueError, match="cannot be drawn again here"):
         load_runs(tmp_path, "sample")
+    path.write_text('{"result": {}}', encoding="utf-8")
+    with pytest.raises(ValueError, match=r"sample.json cannot be read"):
+        load_runs(tmp_path, "sample")
 
 
 def test_another_case_is_refused_and_the_same_in_other_words_continued(directory):
@@ -189,3 +194,37 @@ def test_another_case_is_refused_and_the_same_in_other_words_continued(directory
     again.run()
     assert len(again.getRows()) == 8
     again.close()
+
+
+def test_a_sample_that_is_too_large_to_be_kept_gives_the_same(monkeypatch, tmp_path):
+    whole = SeparationStudy(problem(), ["MonteCarlo"], 3, SIZE)
+    whole.computeSample()
+    monkeypatch.setattr("satsep_ot.studies.separation_study._LARGEST_SAMPLE_FILE", SIZE - 1)
+    part = SeparationStudy(problem(), ["MonteCarlo"], 3, SIZE)
+    part.setDirectory(tmp_path)
+    part.computeSample()
+    part.close()
+    assert list_runs(tmp_path) == []
+    assert np.array_equal(part._sample, whole._sample)
+    # The XML of the distribution numbers its parts as the process has come to them.
+    ignored = {"seconds": 0.0, "distribution": ""}
+    assert {**part._summary, **ignored} == {**whole._summary, **ignored}
+
+
+def test_a_study_is_saved_where_it_was_told(tmp_path):
+    study = SeparationStudy(problem(), ["MonteCarlo"], 3, SIZE)
+    study.computeSample()
+    with pytest.raises(ValueError, match="there is no directory to write to"):
+        study.saveRows()
+    first, second = study.saveRows(tmp_path / "first"), study.saveRows(tmp_path / "second")
+    assert first.parent != second.parent
+    assert first.read_bytes() == second.read_bytes()
+    study.close()
+
+
+def test_a_table_with_the_name_of_the_case_is_refused(tmp_path):
+    (tmp_path / "case.toml").write_text("stroke_mm,force_N\n0,2\n10,1\n", encoding="utf-8")
+    text = CASE.replace("stiffness = 100\ndeformation = 20\n", 'table = "case.toml"\n')
+    study = SeparationStudy(SeparationProblem(parse_case(text, str(tmp_path / "mine.toml"))), ["MonteCarlo"], 3, SIZE)
+    with pytest.raises(DirectoryError, match=r"is called case.toml, .* rename it"):
+        study.setDirectory(tmp_path / "results")
