@@ -1,13 +1,22 @@
 """The command `satsep-ot benchmark` and its problems."""
 
 import json
+import math
 
 import matplotlib.image
 import pytest
 
 from satsep_ot.cli import main
 from satsep_ot.methods.reliability_methods import FORM
-from satsep_ot.studies.method_benchmark import REFERENCE_VIOLATIONS, benchmark_names, benchmark_tasks, save_benchmark
+from satsep_ot.studies.method_benchmark import (
+    REFERENCE_IMPORTANCE,
+    REFERENCE_RUNS,
+    REFERENCE_VIOLATIONS,
+    benchmark_names,
+    benchmark_tasks,
+    reference_probability,
+    save_benchmark,
+)
 
 
 def test_names_stand_for_published_problems_and_for_the_reference_case():
@@ -17,13 +26,24 @@ def test_names_stand_for_published_problems_and_for_the_reference_case():
         "reference-any-requirement", "RP8",
     ]  # fmt: skip
     assert all(task.gradientCost > 1.0 for task in tasks[:5])
-    # 2530 violations in ten million runs are known to 2 %.
-    assert tasks[0].probabilityError == pytest.approx(0.02, rel=0.02)
+    # 2530 violations in ten million runs are known to 2 %, and importance sampling to 0.8 %.
+    assert tasks[0].probabilityError == pytest.approx(0.0076, rel=0.02)
     # A violation of any requirement is at least as likely as that of each, and at most their sum.
     probabilities = [task.probability for task in tasks[:5]]
     assert max(probabilities[:4]) <= probabilities[4] <= sum(probabilities[:4])
     assert len(REFERENCE_VIOLATIONS) == 5
     assert set(benchmark_names()) >= {"P1", "FourBranch", "reference-spin"}
+
+
+@pytest.mark.parametrize("requirement", REFERENCE_VIOLATIONS)
+def test_both_references_agree_and_are_taken_together(requirement):
+    share = REFERENCE_VIOLATIONS[requirement] / REFERENCE_RUNS
+    estimate, deviation = REFERENCE_IMPORTANCE[requirement]
+    error = math.sqrt(share / REFERENCE_RUNS)
+    assert abs(share - estimate) < 3.0 * math.hypot(error, deviation)
+    probability, combined = reference_probability(requirement)
+    assert min(share, estimate) <= probability <= max(share, estimate)
+    assert combined == pytest.approx(error * deviation / math.hypot(error, deviation), rel=0.01)
 
 
 def test_variants_are_problems_of_the_same_probability():
@@ -40,7 +60,7 @@ def test_unknown_problems_and_methods_are_refused_with_the_known_ones(tmp_path, 
     assert main(["benchmark", "--problems", "P1-turned", *output]) == 2
     assert "'P1-turned' is no variant" in capsys.readouterr().err
     assert main(["benchmark", "--problems", "RP107", "--methods", "Magic", *output]) == 2
-    assert "there are ActiveSubspace, FORM" in capsys.readouterr().err
+    assert "there are ActiveSubspace, SafeActiveSubspace, FORM" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
     (tmp_path / "file").touch()
     assert main(["benchmark", "--output", str(tmp_path / "file")]) == 2

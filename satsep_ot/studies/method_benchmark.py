@@ -1,7 +1,6 @@
 """Reliability methods on published problems and on the reference case, whose probabilities are known."""
 
 import json
-import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +22,14 @@ REFERENCE_VIOLATIONS = {
     "axial velocity": 6217,
     "clearance": 9404,
     "any requirement": 84013,
+}
+# The same probabilities and their deviations by importance sampling (tests/benchmarks/reference_importance.py).
+REFERENCE_IMPORTANCE = {
+    "lateral rate": (2.56023e-04, 2.1e-06),
+    "spin": (6.76007e-03, 2.9e-05),
+    "axial velocity": (6.02112e-04, 2.7e-06),
+    "clearance": (9.42259e-04, 6.7e-06),
+    "any requirement": (8.38326e-03, 3.0e-05),
 }
 # Time of the gradient of the components over that of a run (tests/benchmarks/simulator_speed.txt).
 REFERENCE_GRADIENT_COST = 6.2
@@ -83,6 +90,32 @@ def benchmark_tasks(names: Sequence[str]) -> list[BenchmarkTask]:
     return [_reference_task(name) if name in _reference_names() else _published_task(name) for name in wanted]
 
 
+def reference_probability(requirement):
+    """Probability of violating a requirement of the reference case, from Monte Carlo and importance sampling together.
+
+    Parameters
+    ----------
+    requirement : str
+        A key of `REFERENCE_VIOLATIONS`.
+
+    Returns
+    -------
+    probability, deviation : pair of float
+        The mean of both, weighted by their precision, and its standard deviation.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.method_benchmark import reference_probability
+    >>> probability, deviation = reference_probability("axial velocity")
+    >>> print(f"{probability:.3e} +- {deviation:.0e}")
+    6.042e-04 +- 3e-06
+    """
+    share = REFERENCE_VIOLATIONS[requirement] / REFERENCE_RUNS
+    estimate, deviation = REFERENCE_IMPORTANCE[requirement]
+    precisions = REFERENCE_RUNS / (share * (1.0 - share)), deviation**-2
+    return (precisions[0] * share + precisions[1] * estimate) / sum(precisions), sum(precisions) ** -0.5
+
+
 def _published_task(name):
     return BenchmarkTask.of(getBenchmarkProblem(name))
 
@@ -91,14 +124,14 @@ def _reference_task(name):
     requirement = _reference_names()[name]
     problem = SeparationProblem("reference")
     system = requirement not in problem.getRequirementNames()
-    share = REFERENCE_VIOLATIONS[requirement] / REFERENCE_RUNS
+    probability, deviation = reference_probability(requirement)
     return BenchmarkTask(
         name,
         problem.getSystemEvent() if system else problem.getEvent(requirement),
-        share,
+        probability,
         problem.getComponents(None if system else requirement),
         REFERENCE_GRADIENT_COST,
-        math.sqrt((1.0 - share) / (share * REFERENCE_RUNS)),
+        deviation / probability,
     )
 
 
