@@ -114,8 +114,8 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
         >>> from satsep_ot.model.separation_function import SeparationFunction
         >>> from satsep_ot.model.separation_problem import SeparationProblem
         >>> mean = SeparationProblem("reference").getDistribution().getMean()
-        >>> SeparationFunction("reference").evaluate([mean])[0, 0].round(4)
-        np.float64(0.5979)
+        >>> print(SeparationFunction("reference").evaluate([mean])[0, 0].round(4))
+        0.5979
         """
         X = self._checked(X)
         Y = np.empty((len(X), self.getOutputDimension()))

@@ -320,8 +320,8 @@ def sample_density(values: np.ndarray, size: int = 512) -> tuple[np.ndarray, np.
     >>> import numpy as np
     >>> from satsep_ot.studies.figures import sample_density
     >>> grid, density = sample_density(np.random.default_rng(0).standard_normal(100_000))
-    >>> abs(np.interp(0.0, grid, density) - 1.0 / np.sqrt(2.0 * np.pi)) < 0.01
-    np.True_
+    >>> print(f"{np.interp(0.0, grid, density):.1f}")
+    0.4
     """
     values = np.asarray(values, dtype=float).reshape(-1)
     spread = values.std() if np.isfinite(values).all() and len(values) > 1 else 0.0
