@@ -236,7 +236,8 @@ class MonteCarloStream:
     def setCheckpointFile(self, path: str | os.PathLike | None) -> None:
         """Continue from this file where it is there, and keep in it what is done; None (default) for neither.
 
-        The result of a run that was interrupted and continued is that of one that was not.
+        The result of a run that was interrupted and continued is that of one that was not. A checkpoint of another
+        distribution, seed, size or other events is refused; arrays that are given as inputs are not compared.
         """
         self._checkpoint = None if path is None else Path(path)
 
