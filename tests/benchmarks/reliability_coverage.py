@@ -1,16 +1,14 @@
 """Repetitions of ActiveSubspaceReliability where the probability is known: runs, bias, real and claimed error.
 
     python tests/benchmarks/reliability_coverage.py [--problems P1 P2 ...] [--modes fast safe] [--repetitions 200]
-        [--rows rows.jsonl] [--reference reference_importance.txt]
+        [--rows rows.jsonl]
 
 A problem is one of those of `satsep-ot benchmark`; every run counts, those of learning too, and no gradient is used.
 Seconds are those of the processor. Each repetition is added to the file of rows as soon as it is known; the same
-command continues after an interruption. The probabilities of the reference case are those of Monte Carlo, or those of a
-file that reference_importance.py has printed, which are known better.
+command continues after an interruption. The second column of the truth is its own error.
 """
 
 import argparse
-import dataclasses
 import json
 import time
 from importlib import metadata
@@ -85,16 +83,6 @@ def repetitions(task, mode, seeds, path):
     return [known[seed] for seed in seeds]
 
 
-def withReference(task, path):
-    """The task with the probability and its error from the file, where that knows it."""
-    for line in path.read_text().splitlines() if path else []:
-        words = line.split(" +- ")[0].split()
-        if "reference-" + "-".join(words[:-1]) == task.name:
-            error = float(line.split(" +- ")[1].split()[0])
-            return dataclasses.replace(task, probability=float(words[-1]), probabilityError=error / float(words[-1]))
-    return task
-
-
 def summary(task, mode, rows):
     """One line of the table."""
     columns = {
@@ -133,7 +121,6 @@ def main():
     parser.add_argument("--repetitions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0, help="of the first repetition; the others follow")
     parser.add_argument("--rows", type=Path, default=Path("reliability_coverage.jsonl"), help="file of the repetitions")
-    parser.add_argument("--reference", type=Path, help="what reference_importance.py has printed")
     options = parser.parse_args()
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("satsep-ot", "openturns", "numpy", "scipy"))
     print(f"seeds from {options.seed}; {versions}")
@@ -141,7 +128,6 @@ def main():
         print(f"{head:30s}", *(f"{name:>{width}s}" for name, (*_, width, _) in zip(names, COLUMNS, strict=True)))
     for name in options.problems:
         (task,) = benchmark_tasks([name])
-        task = withReference(task, options.reference)
         for mode in options.modes:
             seeds = range(options.seed, options.seed + options.repetitions)
             rows = repetitions(task, mode, seeds, options.rows)
