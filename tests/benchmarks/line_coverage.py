@@ -50,7 +50,7 @@ def main():
     parser.add_argument("folder", type=Path)
     parser.add_argument("tests", nargs="*", default=["tests", "satsep_ot"])
     parser.add_argument("--run", choices=("plain", "compiled"), help=argparse.SUPPRESS)
-    options = parser.parse_args()
+    options = parser.parse_intermixed_args()
     options.folder.mkdir(parents=True, exist_ok=True)
     if options.run:
         measure(options.folder, options.run == "plain", options.tests)
