@@ -56,7 +56,7 @@ FILES = {
     "methods": {
         "active_subspace": ("active_subspace", "active_dimension"),
         "active_subspace_result": ("active_subspace",),
-        "importance_proposal": ESTIMATE,
+        "importance_proposal": ("importance_proposal", *ESTIMATE),
         "limit_state_event": ESTIMATE,
         "limit_state_surrogate": ESTIMATE,
         "polynomial_basis": ("polynomial_basis", "polynomial_regression"),
