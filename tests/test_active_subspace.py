@@ -466,3 +466,16 @@ def test_the_subspace_error_lies_in_its_band_and_is_nothing_for_a_ridge():
     assert 0.0 < error[0] < 1.0
     ridge = result_of(ot.SymbolicFunction(list("abcd"), ["exp(a + 0.5*b - d)"]), law, setSamplingSize=60)
     assert ridge.getSubspaceError()[0] < 1e-7
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+def test_the_drawn_eigenvalues_are_the_same_in_any_unit(scale):
+    """What counts as rounding on the logarithmic scale is relative to the largest eigenvalue."""
+    gradients = scale * np.random.default_rng(0).normal(size=(50, 3, 1)) * [[1.0], [1e-3], [1e-6]]
+    algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+        ot.Normal(3), np.zeros((50, 3)), np.zeros((50, 1)), gradients
+    )
+    algorithm.run()
+    graph = algorithm.getResult().drawEigenvalues()
+    assert max(drawable.getData().getSize() for drawable in graph.getDrawables()) >= 3
+    assert "are 0" not in graph.getTitle()
