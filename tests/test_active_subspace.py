@@ -479,3 +479,13 @@ def test_the_drawn_eigenvalues_are_the_same_in_any_unit(scale):
     graph = algorithm.getResult().drawEigenvalues()
     assert max(drawable.getData().getSize() for drawable in graph.getDrawables()) >= 3
     assert "are 0" not in graph.getTitle()
+
+
+def test_the_point_whose_output_is_not_finite_is_named():
+    """Also where it is one of several outputs."""
+    function = ot.PythonFunction(1, 2, lambda x: [x[0], float("nan") if x[0] > 1.5 else 1.0])
+    algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(1))
+    algorithm.setGradientMethod("CentralDifference")
+    ot.RandomGenerator.SetSeed(0)
+    with pytest.raises(ValueError, match=r"returned \[[\d.e-]+, nan\] at the physical point \[[\d.e-]+\]"):
+        algorithm.run()

@@ -73,6 +73,16 @@ FILES = {
 EQUIVALENT = {
     (
         "methods/polynomial_basis.py",
+        "block = max(256, BLOCK_NUMBERS // width)",
+        "block = max(257, BLOCK_NUMBERS // width)",
+    ): "how many points are worked on at once, which changes time alone",
+    (
+        "methods/polynomial_distribution.py",
+        "upper = probability > 0.5",
+        "upper = probability > 0.25",
+    ): "the tail that the root is looked for through, of which either has its digits between a quarter and a half",
+    (
+        "methods/polynomial_basis.py",
         "factor = np.zeros((1, 1))",
         "factor = np.zeros((1, 2))",
     ): "of this placeholder only the diagonal is looked at, and it is 0 either way",
