@@ -403,7 +403,9 @@ class _Run:
                     self._failed(chunk, f"its worker died{late} ({type(error).__name__}: {error})", broken=True)
                     continue
                 except Exception as error:
-                    self._failed(chunk, f"its worker was lost ({type(error).__name__}: {error})", cause=error)
+                    # Dask, too, blames every chunk that waited at a worker that died.
+                    lost = f"its worker was lost ({type(error).__name__}: {error})"
+                    self._failed(chunk, lost, broken=True, cause=error)
                     continue
                 if isinstance(result, _Raised):
                     self._failed(chunk, result.reason, cause=RuntimeError(f"on the worker:\n{result.traceback}"))
