@@ -219,8 +219,8 @@ def test_the_active_subspace_does_not_care_for_axes_and_units():
     benchmark.run()
     plain, turned = benchmark.getResult().getRows()
     for row in (plain, turned):
-        assert (row.failed, row.coverage) == (0, 1.0)
-        assert row.error < 0.05
+        assert row.failed == 0
+        assert row.error < 0.02
     assert turned.evaluations < 1.3 * plain.evaluations
 
 
