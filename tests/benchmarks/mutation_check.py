@@ -72,6 +72,11 @@ FILES = {
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
     (
+        "methods/limit_state_surrogate.py",
+        "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))",
+        "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 2e-300))",
+    ): "a number that is only not to be 0",
+    (
         "methods/polynomial_basis.py",
         "block = max(256, BLOCK_NUMBERS // width)",
         "block = max(257, BLOCK_NUMBERS // width)",
@@ -432,13 +437,17 @@ def main():
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--dynamics", type=int, default=50)
     parser.add_argument("--methods", type=int, default=80)
+    parser.add_argument("--report", action="store_true", help="print what is known so far")
     options = parser.parse_args()
     folder = options.folder.resolve()
     prepare(folder)
     chosen = mutants(folder, {"dynamics": options.dynamics, "methods": options.methods}, options.seed)
-    durations = usual_durations(folder)
     kept = folder / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
+    if options.report:
+        print(report(folder, options.seed, chosen, results))
+        return
+    durations = usual_durations(folder)
     for stage in ("plain", "compiled"):
         for mutant in chosen:
             name = key(mutant) if stage == "plain" else f"compiled {key(mutant)}"
