@@ -99,7 +99,7 @@ def _of_the_bodies(separation):
         reach = max(ring, float(np.abs(body.center_of_mass).max()))
         if name == "satellite" and separation.envelope is not None:
             reach = max(reach, float(np.abs(separation.envelope).max()))
-        if gyration[2] > 10.0 * reach or gyration[0] < 0.01 * reach:
+        if gyration[2] > 10.0 * reach or gyration[0] < 0.05 * reach:
             yield (
                 f"{name}: its inertia is that of a body with radii of gyration from {1e3 * gyration[0]:.3g} to "
                 f"{1e3 * gyration[2]:.3g} mm, beside a ring and a centre of mass within {1e3 * reach:.3g} mm (kg m2?)"

@@ -233,7 +233,10 @@ class SeparationProblem:
         names = self.getRequirementNames()
         if requirement not in names:
             hint = did_you_mean(str(requirement), names)
-            raise ValueError(f"'{requirement}' is no requirement of this case; it has {', '.join(names)}{hint}")
+            raise ValueError(
+                f"'{requirement}' is no requirement of this case; it has {', '.join(names)}, and all of them as "
+                f"getSystemEvent(){hint}"
+            )
         return self._case.requirements[names.index(requirement)]
 
     def _labels(self, names):
