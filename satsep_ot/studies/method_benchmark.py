@@ -90,7 +90,7 @@ def benchmark_tasks(names: Sequence[str]) -> list[BenchmarkTask]:
     return [_reference_task(name) if name in _reference_names() else _published_task(name) for name in wanted]
 
 
-def reference_probability(requirement):
+def reference_probability(requirement: str) -> tuple[float, float]:
     """Probability of violating a requirement of the reference case, from Monte Carlo and importance sampling together.
 
     Parameters
