@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import gc
 import multiprocessing
 import os
 import signal
@@ -88,11 +89,16 @@ def daskExecutor(address: str, timeout: float = 10.0) -> Iterator[Executor]:
         get_address_host_port(address)
     except ValueError as error:
         raise ConnectionError(f"{address} is no address of a Dask scheduler, such as tcp://192.168.0.1:8786") from error
+    client = None
     try:
         client = Client(address, timeout=timeout, set_as_default=False)
     except Exception as error:
         # Of many kinds: what another kind of server answers is read as a number of bytes to allocate, for one.
-        raise ConnectionError(f"no Dask scheduler answers at {address} within {timeout:g} s ({error})") from error
+        reason = str(error)
+    if client is None:
+        # A client that failed closes itself when it is collected, which never ends if another one just starts then.
+        gc.collect()
+        raise ConnectionError(f"no Dask scheduler answers at {address} within {timeout:g} s ({reason})")
     with client:
         try:
             client.wait_for_workers(1, timeout=timeout)
