@@ -15,6 +15,9 @@ from numba import njit
 OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
 # Functions that only kernels call need no way in from Python, which costs a third of the time to compile them.
 KERNEL = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
+# Functions whose products and sums the compiler would fuse otherwise where it compiles them into an entry point than
+# where it compiles them alone: the process that compiles and those that load from the cache must agree to the last bit.
+EXACT = {**KERNEL, "fastmath": False}
 # Small functions of inner loops: a call that passes arrays would cost more than what they do.
 INLINE = {"forceinline": True, **KERNEL}
 
