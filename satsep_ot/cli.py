@@ -316,13 +316,14 @@ def _check(options):
     from satsep_ot.dynamics.separation import Status
     from satsep_ot.model.case import load_case
     from satsep_ot.model.inputs import umbilical_springs
-    from satsep_ot.model.plausibility import implausibilities
+    from satsep_ot.model.plausibility import implausibilities, requirement_scatter
 
     case = load_case(options.case)
     outcome, quantities = _nominal_run(case)
     warnings = implausibilities(case)
+    scatter = requirement_scatter(case)
     if options.json:
-        print(json.dumps(_check_document(case, quantities, warnings), indent=2, allow_nan=False))
+        print(json.dumps(_check_document(case, quantities, scatter, warnings), indent=2, allow_nan=False))
         return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
     console = _console()
     separation = case.separation
@@ -337,13 +338,20 @@ def _check(options):
     for first, second, coefficient in _correlated(case):
         console.print(f"{_plain(first)} and {_plain(second)} are correlated: {coefficient:g}")
     console.print(_quantities(quantities))
-    console.print(_requirements(case.requirements, quantities))
+    if scatter:
+        console.print(_requirements(scatter))
+        console.print()
+        runs = f"The nominal run and {scatter[0].runs:,} scattered ones only show" if case.inputs else "This run shows"
+        console.print(
+            f"{runs} where the limits lie: how likely each requirement is violated, "
+            f"`satsep-ot study {_plain(options.case)}` answers."
+        )
     for warning in warnings:
         console.print(f"[bold]! implausible[/bold]  {_plain(warning)}")
     return _report_status(Status(int(outcome.status[0])).name, outcome.explain(0))
 
 
-def _check_document(case, quantities, warnings):
+def _check_document(case, quantities, scatter, warnings):
     """What `check` understood, as plain data; a number that a failed run does not have is null."""
     from satsep_ot.model.inputs import quantile_range
 
@@ -370,12 +378,20 @@ def _check_document(case, quantities, warnings):
         },
         "requirements": [
             {
-                "name": entry.name,
-                "quantity": entry.quantity,
-                "maximum" if entry.is_maximum else "minimum": entry.limit,
-                "allowed_probability": entry.allowed_probability,
+                "name": row.requirement.name,
+                "quantity": row.requirement.quantity,
+                "maximum" if row.requirement.is_maximum else "minimum": row.requirement.limit,
+                "unit": row.unit,
+                "allowed_probability": row.requirement.allowed_probability,
+                "met_by_nominal_run": row.requirement.is_met(row.nominal) if row.nominal == row.nominal else None,
+                "scattered_runs": {
+                    "runs": row.runs,
+                    "met": row.met,
+                    "smallest": row.smallest if row.runs else None,
+                    "largest": row.largest if row.runs else None,
+                },
             }
-            for entry in case.requirements
+            for row in scatter
         ],
         "warnings": warnings,
     }
@@ -836,16 +852,21 @@ def _quantities(quantities):
     return table
 
 
-def _requirements(requirements, quantities):
-    table = _table(
-        f"Requirements ({len(requirements)})", "name", "limit", ">nominal", "unit", "nominal run", ">allowed"
-    )
-    for entry in requirements:
-        value, unit, _ = quantities[entry.quantity]
-        verdict = "met" if entry.is_met(value) else "violated"
-        allowed = "" if entry.allowed_probability is None else f"{entry.allowed_probability:g}"
+def _requirements(scatter):
+    table = _table(f"Requirements ({len(scatter)})", "limit", ">nominal run", ">scattered runs", ">met by", ">allowed")
+    # Narrow enough for a terminal of 80 columns.
+    table.pad_edge, table.show_edge, table.collapse_padding = False, False, True
+    table.columns[0].no_wrap = True
+    for row in scatter:
+        entry = row.requirement
+        verdict = "unknown" if row.nominal != row.nominal else "met" if entry.is_met(row.nominal) else "violated"
+        table.add_row(f"[bold]{_plain(entry.name)}[/bold]")
         table.add_row(
-            _plain(entry.name), str(entry), _rounded(value, 6), unit, "unknown" if value != value else verdict, allowed
+            f"{entry} {row.unit}",
+            f"{_rounded(row.nominal, 3)} {verdict}",
+            f"{_rounded(row.smallest, 3)}..{_rounded(row.largest, 3)}" if row.runs else "none",
+            f"{row.met} of {row.runs}" if row.runs else "",
+            "" if entry.allowed_probability is None else f"{entry.allowed_probability:g}",
         )
     return table
 

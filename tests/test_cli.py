@@ -1,6 +1,7 @@
 """The command line: what it prints, its exit codes, and one sentence instead of a traceback."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -58,18 +59,21 @@ def test_check_prints_the_case_as_understood(capsys):
         "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km",
         "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in a recess",
         "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
-        "0.597912", "lateral_rate <= 2.5", "axial_velocity >= 0.59",
+        "0.597912", "lateral_rate <= 2.5 deg/s", "axial_velocity >= 0.59 m/s", "18.2..25", "1014 of 1024",
+        "1,024 scattered ones only show where the limits lie: how likely each requirement is violated, "
+        "`satsep-ot study reference` answers.",
     ):  # fmt: skip
         assert words in out, words
-    assert "violated" not in out
+    assert "598 met" in out
+    assert not re.search(r"[0-9] violated", out)
 
 
 def test_check_says_which_requirement_the_nominal_run_violates(tmp_path, capsys):
     extra = '[[requirements]]\nname = "fast"\nquantity = "axial_velocity"\nminimum = 5\nallowed_probability = 1e-3\n'
     assert cli.main(["check", small(tmp_path, extra)]) == 0
     out = capsys.readouterr().out
-    assert "violated" in out
-    assert "0.001" in out
+    assert re.search(r"0\.257 violated +none +0\.001", out)
+    assert "This run shows where the limits lie" in out
     assert "No gravity" in out
 
 
@@ -388,6 +392,11 @@ def test_check_as_json(tmp_path, capsys):
     assert document["inputs"][0]["range"] == pytest.approx([400 - 2.0603, 400 + 2.0603], rel=1e-6)
     assert document["nominal"]["axial_velocity"]["unit"] == "m/s"
     assert document["requirements"][2]["minimum"] == 0.494
+    assert document["requirements"][2]["unit"] == "m/s"
+    assert document["requirements"][2]["met_by_nominal_run"] is True
+    runs = document["requirements"][2]["scattered_runs"]
+    assert (runs["met"], runs["runs"]) == (1023, 1024)
+    assert runs["smallest"] < 0.494 < document["nominal"]["axial_velocity"]["value"] < runs["largest"]
     assert document["warnings"] == []
     pairs = {tuple(entry["inputs"]): entry["coefficient"] for entry in document["correlation"]}
     assert pairs[("satellite_Ixx", "satellite_Izz")] == 0.7

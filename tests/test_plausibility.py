@@ -6,7 +6,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.model.case import load_case, parse_case, shipped_cases
-from satsep_ot.model.plausibility import implausibilities, push_energy
+from satsep_ot.model.plausibility import implausibilities, push_energy, requirement_scatter
 
 REFERENCE = load_case("reference").text
 FAST = ("stiffness = 5500.0", "stiffness = 5500.0e3")
@@ -78,3 +78,77 @@ def test_a_stroke_that_scatters_beyond_its_table():
         "stroke: the stroke of spring 2 reaches 30.46 mm at the 99.9 % quantile, but its force-stroke table ends at "
         "30.2 mm"
     )
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "minimum = 18.0", "minimum = 0.018",
+            "requirement clearance: clearance >= 0.018 mm, but the nominal run has 25, 1,024 scattered ones 18.2 to "
+            "25, and all of these meet it (0.018 m? That is 18 mm)",
+        ),
+        ("maximum = 1.0", "maximum = 0.0175", "of these meet it (0.0175 rad/s? That is 1 deg/s)"),
+        ("maximum = 2.5", "maximum = 0.417", "of these meet it (0.417 rpm? That is 2.5 deg/s)"),
+        ("minimum = 0.590", "minimum = 590.0", "and none of these meet it (590 mm/s? That is 0.59 m/s)"),
+        ("minimum = 0.590", "maximum = 650.0", "and all of these meet it (650 mm/s? That is 0.65 m/s)"),
+        ("minimum = 0.590", "minimum = 0.00059", "(0.00059 km/s? That is 0.59 m/s)"),
+        ('"axial_velocity"\nminimum = 0.590', '"release_time"\nmaximum = 100.0', "(100 ms? That is 0.1 s)"),
+        # No unit explains these: they are violated by most separations.
+        ("minimum = 18.0", "minimum = 24.0", "18.2 to 25, and 133 of these meet it"),
+        ("minimum = 18.0", "minimum = 18000.0", "18.2 to 25, and none of these meet it"),
+    ],
+)  # fmt: skip
+def test_a_limit_in_a_wrong_unit_is_named_with_the_unit_that_it_seems_to_be_in(old, new, sentence):
+    assert old in REFERENCE
+    (said,) = implausibilities(parse_case(REFERENCE.replace(old, new, 1)))
+    assert sentence in said
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("minimum = 0.590", "minimum = 0.3"),
+        ("minimum = 0.590", "minimum = 0.0"),
+        ("minimum = 0.590", "maximum = 2.0"),
+        ("minimum = 18.0", "minimum = 1.0"),
+        ("minimum = 18.0", "minimum = 0.0"),
+        ("maximum = 2.5", "maximum = 20.0"),
+        ("maximum = 1.0", "maximum = 100.0"),
+    ],
+)
+def test_a_generous_limit_is_no_wrong_unit(old, new):
+    assert old in REFERENCE
+    assert implausibilities(parse_case(REFERENCE.replace(old, new, 1))) == []
+
+
+def test_scatter_of_a_requirement_is_that_of_its_quantity():
+    # Guided springs without gravity: v^2 = 2 E (1 / m1 + 1 / m2) rises with the one stiffness, uniform within 10 %.
+    text = (
+        "[platform]\nmass = 10\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+        "[satellite]\nmass = 1\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
+        "[springs]\ncount = 2\nradius = 1000\nstiffness = 1000\ndeformation = 20\nstroke = 10\n"
+        '[inputs]\nK = { quantity = "springs.stiffness", plus_minus = "10 %" }\n'
+        '[[requirements]]\nquantity = "axial_velocity"\nminimum = {limit}\n'
+    )
+    velocity = math.sqrt(2.0 * 2 * 1000 * 0.01 * 0.015 * 1.1)
+    (row,) = requirement_scatter(parse_case(text.replace("{limit}", str(velocity))))
+    assert row.nominal == pytest.approx(velocity)
+    assert row.median == pytest.approx(velocity, rel=1e-3)
+    assert row.smallest == pytest.approx(velocity * math.sqrt(0.9), rel=1e-3)
+    assert row.largest == pytest.approx(velocity * math.sqrt(1.1), rel=1e-3)
+    assert (row.unit, row.runs) == ("m/s", 1024)
+    # Half of a Sobol' sequence lies above the median, give or take the point on it.
+    assert abs(row.met - 512) <= 1
+
+
+def test_a_case_without_scatter_is_judged_by_its_nominal_run():
+    text = REFERENCE[: REFERENCE.index("[inputs]")] + '[[requirements]]\nquantity = "axial_velocity"\nminimum = 590\n'
+    case = parse_case(text)
+    (row,) = requirement_scatter(case)
+    assert (row.met, row.runs) == (0, 0)
+    assert row.smallest == row.largest == row.nominal
+    assert implausibilities(case) == [
+        "requirement axial_velocity: axial_velocity >= 590 m/s, but the nominal run has 0.598 (590 mm/s? That is 0.59 "
+        "m/s)"
+    ]

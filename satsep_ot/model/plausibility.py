@@ -1,15 +1,18 @@
 """What in a case is allowed but hardly meant: sentences for a person to read, never an error."""
 
 import math
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.invariants import spring_work
+from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.dynamics.springs import ForceLaw
-from satsep_ot.model.case import Case
+from satsep_ot.model.case import Case, Requirement
 from satsep_ot.model.inputs import ParameterMap, joint_distribution, quantile_range
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
@@ -18,6 +21,40 @@ _LARGEST_ACCELERATION = 50.0 * 9.80665  # m/s2
 _LARGEST_RATE = 720.0  # deg/s, twice the 60 rpm of a spinning stage
 _LARGEST_RELATIVE_SCATTER = 0.2
 _SAMPLE_SIZE = 1024
+# Units in which a document may give what the case file wants in another: how many of ours one of them is. Only those
+# that are far enough from ours to be told from a generous limit.
+_OTHER_UNITS = {
+    "m/s": {"mm/s": 1e-3, "km/s": 1e3},
+    "deg/s": {"rad/s": math.degrees(1.0), "rpm": 6.0},
+    "mm": {"m": 1e3},
+    "s": {"ms": 1e-3},
+}
+_FAR, _NEAR = 20.0, 5.0  # factors between a limit and the values of its quantity
+
+
+class RequirementScatter(NamedTuple):
+    """How a requirement lies to the nominal run and to a few scattered ones: an impression, not a probability.
+
+    Attributes
+    ----------
+    requirement : :class:`satsep_ot.model.case.Requirement`
+    unit : str
+    nominal : float
+        Value of the quantity in the nominal run; NaN where that failed.
+    smallest, median, largest : float
+        Of the scattered runs; those of the nominal run for a case without uncertain inputs.
+    met, runs : int
+        Scattered runs that meet the requirement, and those that did not fail; 0 where there are none.
+    """
+
+    requirement: Requirement
+    unit: str
+    nominal: float
+    smallest: float
+    median: float
+    largest: float
+    met: int
+    runs: int
 
 
 def push_energy(separation: Separation) -> float:
@@ -66,7 +103,63 @@ def implausibilities(case: Case) -> list[str]:
     >>> print(implausibilities(parse_case(fast))[0])
     springs: their energy of 1.65e+04 J gives 18.9 m/s; separations have 0.02 to 5 m/s (N/m and mm?)
     """
-    return [*_of_the_push(case.separation), *_of_the_bodies(case.separation), *_of_the_inputs(case), *_of_runs(case)]
+    return [
+        *_of_the_push(case.separation),
+        *_of_the_bodies(case.separation),
+        *_of_the_inputs(case),
+        *_of_runs(case),
+        *_of_the_requirements(case),
+    ]
+
+
+def requirement_scatter(case: Case) -> list[RequirementScatter]:
+    """Each requirement beside the nominal run and 1,024 well-spread combinations of the uncertain inputs.
+
+    The combinations are points of a Sobol' sequence, the same each time; the random generator is left alone.
+
+    Parameters
+    ----------
+    case : :class:`satsep_ot.model.case.Case`
+
+    Returns
+    -------
+    rows : list of RequirementScatter
+        In the order of the case.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.plausibility import requirement_scatter
+    >>> for row in requirement_scatter(load_case("reference"))[2:]:
+    ...     print(row.requirement, f"{row.unit}: {row.smallest:.3g} to {row.largest:.3g}, {row.met} of {row.runs}")
+    axial_velocity >= 0.59 m/s: 0.591 to 0.606, 1024 of 1024
+    clearance >= 18 mm: 18.2 to 25, 1024 of 1024
+    """
+    if not case.requirements:
+        return []
+    table = quantity_table(case.separation)
+    nominal = simulate(case.separation)
+    scattered = _scattered_runs(case)[1] if case.inputs else None
+    rows = []
+    for requirement in case.requirements:
+        value = float(nominal.quantity(requirement.quantity)[0])
+        values = np.array([]) if scattered is None else scattered.quantity(requirement.quantity)
+        values = values[np.isfinite(values)]
+        met = int(np.count_nonzero(requirement.is_met(values)))
+        shown = values if len(values) else np.array([value])
+        rows.append(
+            RequirementScatter(
+                requirement,
+                table[requirement.quantity].unit,
+                value,
+                float(shown.min()),
+                float(np.median(shown)),
+                float(shown.max()),
+                met,
+                len(values),
+            )
+        )
+    return rows
 
 
 def _of_the_push(separation):
@@ -143,14 +236,63 @@ def _beyond_a_table(separation, row, high):
                 )
 
 
-def _of_runs(case):
-    """What a well-spread sample of the inputs runs into, without touching the random generator."""
-    if not case.inputs:
-        return
+def _scattered_runs(case):
+    """A well-spread sample of the parameters and its runs, without touching the random generator."""
     distribution = joint_distribution(case.inputs, case.copula)
     points = ot.LowDiscrepancyExperiment(ot.SobolSequence(), distribution, _SAMPLE_SIZE, False).generate()
-    status = simulate(case.separation, ParameterMap(case.inputs, case.separation).parameters(np.array(points))).status
-    tensors = _broken_tensors(case, np.array(points))
+    parameters = ParameterMap(case.inputs, case.separation).parameters(np.array(points))
+    return parameters, simulate(case.separation, parameters)
+
+
+def _of_the_requirements(case):
+    for row in requirement_scatter(case):
+        if not math.isfinite(row.median):
+            continue
+        requirement = row.requirement
+        violated = not requirement.is_met(row.median)
+        hint = _other_unit(row)
+        far = max(abs(row.median), abs(requirement.limit)) > _FAR * min(abs(row.median), abs(requirement.limit))
+        within = row.smallest <= requirement.limit <= row.largest
+        if not violated and (hint is None or within or not far):
+            continue
+        runs = ""
+        if row.runs:
+            met = "all" if row.met == row.runs else f"{row.met:,}" if row.met else "none"
+            runs = (
+                f", {row.runs:,} scattered ones {_short(row.smallest)} to {_short(row.largest)}, and {met} of these "
+                f"meet{'s' if row.met == 1 else ''} it"
+            )
+        yield (
+            f"requirement {requirement.name}: {requirement} {row.unit}, but the nominal run has {_short(row.nominal)}"
+            + runs
+            + (f" ({hint})" if hint else "")
+        )
+
+
+def _short(value):
+    """Three digits of a number in a quantity's unit; a rounding error is 0."""
+    return "0" if abs(value) < 1e-9 else f"{value:.3g}"
+
+
+def _other_unit(row):
+    """The unit in which the limit would be a likely one: met by most runs, and of their size."""
+    sizes = np.abs([row.smallest, row.largest])
+    smallest = 0.0 if row.smallest <= 0.0 <= row.largest else sizes.min()
+    for name, factor in _OTHER_UNITS.get(row.unit, {}).items():
+        limit = factor * row.requirement.limit
+        likely = replace(row.requirement, limit=limit).is_met(row.median)
+        if likely and smallest / _NEAR <= abs(limit) <= sizes.max() * _NEAR:
+            return f"{row.requirement.limit:g} {name}? That is {limit:.3g} {row.unit}"
+    return None
+
+
+def _of_runs(case):
+    """What a well-spread sample of the inputs runs into."""
+    if not case.inputs:
+        return
+    parameters, outcome = _scattered_runs(case)
+    status = outcome.status
+    tensors = _broken_tensors(case, parameters)
     for name, broken in tensors.items():
         if broken.any():
             yield (
@@ -164,9 +306,8 @@ def _of_runs(case):
             yield f"runs: {_share(failed)} of the combinations of the inputs fail: {Status(int(value)).sentence}"
 
 
-def _broken_tensors(case, points):
+def _broken_tensors(case, parameters):
     """Whether each combination breaks the triangle inequality, by body."""
-    parameters = ParameterMap(case.inputs, case.separation).parameters(points)
     index = {name: k for k, name in enumerate(case.separation.parameter_names())}
     broken = {}
     for body in ("platform", "satellite"):
