@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import openturns as ot
@@ -658,3 +659,377 @@ def test_every_field_of_runs_is_concatenated():
     runs = LimitStateEvent(event(lambda u: u[:, 0])).evaluate(np.zeros((2, 3)))
     both = type(runs).concatenate([runs, runs])
     assert all(len(getattr(both, field.name)) == 4 for field in dataclasses.fields(runs))
+
+
+# The decisions, from numbers told to them. ----------------------------------------------------------------------------
+
+
+def bare(**attributes):
+    """An algorithm that has not run, with what its steps look at."""
+    algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0]))
+    for name, value in attributes.items():
+        setattr(algorithm, f"_{name}", value)
+    return algorithm
+
+
+def proposal(**attributes):
+    given = {"probability": 1e-3, "poolVariance": 0.0, "runVariance": lambda: 0.0, "failureShare": lambda: 0.5}
+    return SimpleNamespace(**(given | attributes))
+
+
+def sizesOfRuns(evaluate, dimension=3, **options):
+    """Numbers of points that the function was called with, and the result."""
+    sizes = []
+
+    def counted(u):
+        sizes.append(len(u))
+        return evaluate(u)
+
+    algorithm = ActiveSubspaceReliability(event(counted, dimension))
+    for key, value in options.items():
+        getattr(algorithm, f"set{key}")(value)
+    algorithm.run()
+    return sizes, algorithm.getResult()
+
+
+def blocksOfPlan(monkeypatch, needed, maximum=5000, dimension=3):
+    """Sizes of the learning blocks and of the estimate's where so many runs are needed and the target is never met."""
+    monkeypatch.setattr(reliability, "_POOL_SIZE", 1000)
+    monkeypatch.setattr(ActiveSubspaceReliability, "_runsNeeded", lambda self, proposal: needed)
+    monkeypatch.setattr(ActiveSubspaceReliability, "_runsForFailures", lambda self, proposal: 0.0)
+    sizes, result = sizesOfRuns(
+        lambda u: 3.0 - u[:, 0], dimension, MaximumEvaluations=maximum, TargetCoefficientOfVariation=1e-9
+    )
+    assert "maximum number" in result.getReason()
+    assert result.getEvaluationNumber() in (maximum, maximum - 1)
+    learning = int(np.searchsorted(np.cumsum(sizes), result.getEvaluationNumber("learning"))) + 1
+    return sizes[:learning], sizes[learning:]
+
+
+def test_the_planned_runs_come_in_three_blocks_and_more_in_tenths(monkeypatch):
+    learning, blocks = blocksOfPlan(monkeypatch, 300.0, 1000)
+    # Two points for each unknown of a linear function first, then blocks of 40 until more learning no longer pays.
+    assert learning == [10, 40, 40, 40]
+    assert blocks[:3] == [100, 100, 100]
+    done = np.cumsum(blocks)
+    assert blocks[3:-1] == [max(40, int(0.1 * before)) for before in done[2:-2]]
+    assert blocks[-2] > 40
+
+
+def test_no_block_is_larger_than_ten_of_the_smallest_or_a_quarter_of_the_runs(monkeypatch):
+    learning, blocks = blocksOfPlan(monkeypatch, math.inf, 5000)
+    used = sum(learning) + np.concatenate([[0], np.cumsum(blocks)])
+    assert blocks[:-1] == [max(400, int(0.25 * before)) for before in used[:-2]]
+    assert blocks[0] == 400 < blocks[-2]
+
+
+def test_the_runs_that_are_left_are_shared_by_the_three_blocks_that_are_required(monkeypatch):
+    learning, blocks = blocksOfPlan(monkeypatch, math.inf, 430)
+    left = 430 - sum(learning)
+    assert len(blocks) == 3
+    assert all(abs(size - left / 3) < 1.0 for size in blocks)
+
+
+def test_a_block_has_a_run_for_each_input(monkeypatch):
+    _, blocks = blocksOfPlan(monkeypatch, 0.0, 700, 60)
+    assert blocks[:4] == [60, 60, 60, 60]
+
+
+@pytest.mark.parametrize(
+    ("variation", "failures", "shape", "converged"),
+    [
+        (0.05, 60, 0.7, True),
+        (0.0501, 1000, 0.0, False),
+        (0.01, 59, 0.0, False),
+        (0.01, 1000, 0.71, False),
+    ],
+)
+def test_the_end_needs_the_target_three_blocks_sixty_failures_and_a_tail_that_is_not_heavy(
+    monkeypatch, variation, failures, shape, converged
+):
+    class Told(reliability.Estimate):
+        def __init__(self, blocks):
+            super().__init__(blocks)
+            self.failures = failures
+
+        def coefficientOfVariation(self):
+            return variation
+
+        def paretoShape(self):
+            return shape
+
+    monkeypatch.setattr(reliability, "Estimate", Told)
+    sizes, result = sizesOfRuns(lambda u: 3.0 - u[:, 0], MaximumEvaluations=800)
+    assert result.getConverged() == converged
+    blocks = len(sizes) - list(np.cumsum(sizes)).index(result.getEvaluationNumber("learning")) - 1
+    assert (blocks == 3) == converged
+    assert result.getEvaluationNumber() < 800 if converged else result.getEvaluationNumber() == 800
+
+
+def test_a_refit_is_believed_within_five_standard_deviations_of_the_estimate():
+    # 5 (sqrt(3^2 + 4^2) 1e-5 + 2 % of 1e-3) = 3.5e-4.
+    estimate = SimpleNamespace(probability=1e-3, variance=9e-10)
+    for probability, believed in ((1.349e-3, True), (1.351e-3, False), (0.651e-3, True), (0.649e-3, False)):
+        refitted = proposal(probability=probability, poolVariance=1.6e-9)
+        assert ActiveSubspaceReliability._isConsistent(refitted, estimate) == believed
+
+
+def test_subset_simulation_is_preferred_where_it_would_be_more_exact():
+    # Four levels of 675 runs with chains that cost a factor of 3: 4 sqrt(3 * 9 * 4 / 2700) = 0.8.
+    algorithm = bare()
+
+    def better(ours, probability=1e-4, remaining=2700):
+        variance = remaining * (ours * probability) ** 2
+        told = proposal(probability=probability, runVariance=lambda: variance)
+        return algorithm._subsetIsBetter(told, remaining)
+
+    assert not better(0.79)
+    assert better(0.81)
+    # A frequent event takes one level.
+    assert not better(0.09, 0.5)
+    assert better(0.11, 0.5)
+    # What reaches the target is good enough.
+    algorithm.setTargetCoefficientOfVariation(0.9)
+    assert not better(0.81)
+
+
+def test_runs_that_the_target_and_the_failures_need():
+    algorithm = bare()
+    # (5 % of 1e-3)^2 - (3e-5)^2 = (4e-5)^2 is left for the runs.
+    assert algorithm._runsNeeded(proposal(poolVariance=9e-10, runVariance=lambda: 1.6e-7)) == pytest.approx(100.0)
+    assert algorithm._runsNeeded(proposal(poolVariance=25e-10, runVariance=lambda: 1.6e-7)) == math.inf
+    # A hundred failures are planned, so that fewer than 60 are unlikely; but never more than 2000 runs for them.
+    assert algorithm._runsForFailures(proposal(failureShare=lambda: 0.5)) == pytest.approx(200.0)
+    assert algorithm._runsForFailures(proposal(failureShare=lambda: 0.001)) == pytest.approx(2000.0)
+
+
+def test_what_a_run_of_a_proposal_is_worth():
+    pool = Pool(np.zeros((4, 1)), np.array([1.0, 2.0, 1.0, 1.0]))
+    failure, selection = np.array([1.0, 0.5, 0.0, 0.1]), np.array([0.3, 0.2, 0.4, 0.1])
+    told = reliability._Proposal(None, pool, failure, 0.5, 0.0, selection, selection)
+    # Weights over four times the selection: 2.5 where the surrogate is at a half, 2.5 at a tenth.
+    assert told.runVariance() == pytest.approx(0.2 * 2.5**2 * 0.25 + 0.1 * 2.5**2 * 0.09)
+    assert told.failureShare() == pytest.approx(0.3 + 0.1 + 0.01)
+
+
+def test_runs_that_are_not_finite_count_by_their_policy_beside_the_surrogate():
+    # 10 of 100 runs were not finite.
+    for policy, expected in (("failure", [0.1, 0.28]), ("safe", [0.0, 0.18])):
+        algorithm = bare(limitState=SimpleNamespace(nonFiniteNumber=10), phases={"learning": 60, "estimation": 40})
+        algorithm.setNonFinitePolicy(policy)
+        np.testing.assert_allclose(algorithm._withNonFinite(np.array([0.0, 0.2])), expected)
+
+
+def calibrated(error, margins, failed=None, value=1.0, calibration=1.0):
+    """`_calibrate` of runs whose predictions are off by so many of the expected errors."""
+    size = len(margins)
+    surrogate = SimpleNamespace(
+        reduce=lambda u: u,
+        predict=lambda y: np.zeros((size, 1)),
+        predictionErrors=lambda y: np.full((size, 1), 2.0),
+        limitState=lambda y: (np.full(size, value), np.ones(size)),
+    )
+    runs = SimpleNamespace(
+        finite=np.ones(size, dtype=bool),
+        u=np.zeros((size, 1)),
+        outputs=np.full((size, 1), 2.0 * error),
+        margins=np.asarray(margins, dtype=float),
+        failed=np.zeros(size, dtype=bool) if failed is None else np.asarray(failed),
+    )
+    limitState = SimpleNamespace(smooth=lambda outputs: outputs)
+    algorithm = bare(surrogate=surrogate, limitState=limitState, weightWidth=3.0, calibration=calibration)
+    return algorithm._calibrate(runs), algorithm
+
+
+def test_errors_of_prediction_are_scaled_by_new_runs():
+    trusted, algorithm = calibrated(1.0, np.zeros(90))
+    assert trusted
+    assert algorithm._observedCalibration == pytest.approx(1.0)
+    assert algorithm._calibration == pytest.approx(1.0)
+    # Twice as far off as expected: with ten runs' worth of belief, sqrt((10 + 4 * 90) / 100), half of it kept.
+    trusted, algorithm = calibrated(2.0, np.zeros(90))
+    assert not trusted
+    assert algorithm._observedCalibration == pytest.approx(2.0)
+    assert algorithm._calibration == pytest.approx(math.sqrt(math.sqrt(3.7)))
+    # A factor below 1.5 is no surprise.
+    assert calibrated(1.51, np.zeros(90))[0]
+    assert not calibrated(1.6, np.zeros(90))[0]
+    # A run as far from the limit as the width of the weights counts half.
+    _, algorithm = calibrated(2.0, np.full(180, 3.0))
+    assert algorithm._calibration == pytest.approx(math.sqrt(math.sqrt(3.7)))
+    # One block changes the scale within bounds, and what was learnt before counts.
+    assert calibrated(1e6, np.zeros(90))[1]._calibration == pytest.approx(10.0)
+    assert calibrated(0.0, np.zeros(10**6))[1]._calibration == pytest.approx(0.5)
+    assert calibrated(1.0, np.zeros(90), calibration=4.0)[1]._calibration == pytest.approx(2.0)
+
+
+def test_a_surrogate_that_was_sure_of_a_wrong_label_is_not_trusted():
+    # Three standard deviations on the safe side leave 1.3e-3 for failure, more than one in a thousand.
+    failed = np.arange(40) == 7
+    assert calibrated(1.0, np.zeros(40), failed, value=3.0)[0]
+    assert not calibrated(1.0, np.zeros(40), failed, value=3.2)[0]
+    assert not calibrated(1.0, np.zeros(40), np.zeros(40, dtype=bool), value=-3.2)[0]
+
+
+def test_a_normal_run_that_failed_where_the_surrogate_is_sure_is_missed():
+    def misses(value, failed=True, other=(False, True)):
+        surrogate = SimpleNamespace(reduce=lambda u: u, limitState=lambda y: (np.array([value]), np.array([1.0])))
+        initial = SimpleNamespace(u=np.zeros((1, 1)), failed=np.array([failed]))
+        part = SimpleNamespace(failed=np.array([other[0]]), finite=np.array([other[1]]))
+        return bare(surrogate=surrogate, initial=initial, runs=[part])._missesKnownFailures()
+
+    # One in a hundred lies 2.33 standard deviations off.
+    assert misses(2.4)
+    assert not misses(2.2)
+    assert not misses(2.4, failed=False)
+    # No surrogate can point at failures without a finite value.
+    assert misses(-1.0, other=(True, False))
+    assert not misses(-1.0, other=(True, True))
+
+
+def test_points_without_a_known_failure_region_are_spread_twice_as_wide():
+    directions = np.array([[0.6], [0.8], [0.0]])
+    algorithm = bare(
+        generator=np.random.default_rng(0),
+        limitState=SimpleNamespace(dimension=3),
+        surrogate=SimpleNamespace(directions=directions),
+    )
+    u = algorithm._drawWide(20_000)
+    np.testing.assert_allclose((u @ directions).std(), 2.0, rtol=0.02)
+    np.testing.assert_allclose((u @ [0.8, -0.6, 0.0]).std(), 1.0, rtol=0.02)
+    np.testing.assert_allclose(u[:, 2].std(), 1.0, rtol=0.02)
+
+
+def test_learning_without_a_failure_region_ends_at_two_fifths_of_the_evaluations(monkeypatch):
+    monkeypatch.setattr(ActiveSubspaceReliability, "_propose", lambda self: None)
+    sizes, result = sizesOfRuns(lambda u: 9.0 - u[:, 0], MaximumEvaluations=1000)
+    assert "shows no failure region" in result.getReason()
+    learning = list(np.cumsum(sizes)).index(result.getEvaluationNumber("learning")) + 1
+    used = np.cumsum(sizes[:learning])
+    # A quarter more each time, at least 40, until one more of them would lead beyond 400.
+    assert sizes[1:learning] == [max(40, int(0.25 * before)) for before in used[:-1]]
+    assert used[-2] + sizes[learning - 2] <= 400 < used[-1] + sizes[learning - 1]
+
+
+def test_learning_ends_after_ten_failures_that_no_surrogate_explains(monkeypatch):
+    monkeypatch.setattr(ActiveSubspaceReliability, "_propose", lambda self: None)
+    # So many of each call's runs fail, the others are far from the limit; the first call has 10 runs, the next ones 40.
+    for failing, blocks in ((5, 1), (4, 2)):
+        sizes, result = sizesOfRuns(
+            lambda u, failing=failing: np.where(np.arange(len(u)) < failing, -1.0, 9.0 + u[:, 0]),
+            MaximumEvaluations=2000,
+        )
+        assert "shows no failure region" in result.getReason()
+        assert result.getEvaluationNumber("learning") == 10 + 40 * blocks
+        assert sizes[: 1 + blocks] == [10] + [40] * blocks
+
+
+def test_runs_near_the_limit_count_most_in_a_fit(monkeypatch):
+    seen = []
+
+    def surrogate(u, values, margin, weights, previous, maximumDegree):
+        seen.append((u, weights, maximumDegree))
+        return SimpleNamespace(errors=np.array([0.3]))
+
+    monkeypatch.setattr(reliability, "LimitStateSurrogate", surrogate)
+    margins = np.array([0.0, 1.0, -2.0, 0.5, 1.5, np.nan])
+    runs = LimitStateEvent(event(lambda u: u[:, 0])).evaluate(np.arange(18.0).reshape(6, 3))
+    runs = dataclasses.replace(runs, margins=margins, finite=np.isfinite(margins))
+    limitState = SimpleNamespace(smooth=lambda outputs: outputs, surrogateMargin=None)
+    # The median distance is 1; among runs all close to the limit, a fifth of the first runs' spread counts as close.
+    for spread, width in ((1.0, 1.0), (10.0, 2.0)):
+        algorithm = bare(
+            runs=[runs], limitState=limitState, nominalSpread=spread, surrogate=None, calibration=np.array([2.0]),
+            phases={"learning": 6},
+        )  # fmt: skip
+        algorithm._fit()
+        u, weights, degree = seen.pop()
+        assert len(u) == 5
+        assert degree == 4
+        np.testing.assert_allclose(weights, 1.0 / (1.0 + (margins[:5] / width) ** 2))
+        assert weights[0] == 1.0
+        np.testing.assert_allclose(algorithm._surrogate.errors, [0.6])
+
+
+def linearProposal(limit, deviation=0.02, **attributes):
+    """Where runs go whose surrogate is limit - y, known to a standard deviation."""
+    surrogate = SimpleNamespace(
+        dimension=lambda: 1,
+        radial=False,
+        limitState=lambda y, exact=True: (limit - y[:, 0], np.full(len(y), deviation)),
+    )
+    limitState = SimpleNamespace(nonFiniteNumber=0)
+    algorithm = bare(surrogate=surrogate, generator=np.random.default_rng(0), limitState=limitState)
+    for name, value in attributes.items():
+        getattr(algorithm, f"set{name}")(value)
+    return algorithm._propose()
+
+
+def test_no_run_of_a_proposal_weighs_more_than_ten_nominal_ones():
+    found = linearProposal(3.0)
+    assert found.probability == pytest.approx(ot.DistFunc.pNormal(-3.0 / math.hypot(1.0, 0.02)), rel=0.05)
+    size = len(found.selection)
+    mean = found.pool.weights.mean()
+    # A tenth of the runs are drawn as by Monte Carlo, of those to learn from 15 %.
+    for probabilities, share in ((found.selection, 0.1), (found.exploration, 0.15)):
+        largest = (found.pool.weights / (size * probabilities)).max()
+        assert largest <= mean / share * (1.0 + 1e-9)
+        assert largest > 0.99 * mean / share
+        assert probabilities.sum() == pytest.approx(1.0)
+
+
+def test_runs_go_to_failures_and_where_the_surrogate_is_unsure():
+    found = linearProposal(3.0)
+    y = found.pool.points[:, 0]
+    # Deep in the failure region only the tenth that is drawn as by Monte Carlo goes, and a sixth or so to all failures.
+    deep = y > 4.2
+    weights = found.pool.weights / found.pool.weights.sum()
+    failing = weights * found.failure / (weights @ found.failure)
+    for probabilities, nominal in ((found.selection, 0.1), (found.exploration, 0.15)):
+        np.testing.assert_allclose(probabilities[deep], (nominal * weights + 0.15 * failing)[deep], rtol=1e-3)
+    # The rest goes where the surrogate is unsure, in bands of several widths; learning looks further around. Two thirds
+    # of the runs of the estimate lie within eight standard deviations of the limit, three quarters of the others within
+    # twenty-four.
+    for probabilities, shares in (
+        (found.selection, (0.19, 0.45, 0.67, 0.84)),
+        (found.exploration, (0.08, 0.21, 0.46, 0.74)),
+    ):
+        for deviations, share in zip((1, 3, 8, 24), shares, strict=True):
+            near = np.abs(y - 3.0) < deviations * 0.02
+            assert probabilities[near].sum() == pytest.approx(share, abs=0.015)
+
+
+def test_the_pool_grows_with_the_target_up_to_a_bound(monkeypatch):
+    monkeypatch.setattr(reliability, "_POOL_SIZE", 2000)
+    sizes = []
+    for target in (0.2, 0.02, 1e-6):
+        found = linearProposal(3.0, TargetCoefficientOfVariation=target)
+        sizes.append(len(found.selection))
+        if target > 1e-3:
+            # Its error is at most three tenths of the target.
+            assert math.sqrt(found.poolVariance) <= 0.3 * target * found.probability
+    assert sizes[0] == 2000 < sizes[1] < sizes[2] == 50_000
+
+
+def test_a_surrogate_that_fails_nowhere_within_six_deviations_has_seen_no_failure():
+    assert linearProposal(6.3).probability > 1e-10
+    assert linearProposal(6.45) is None
+
+
+def test_a_safe_run_spends_a_third_on_subset_simulation_first():
+    result, _ = solve("P5", Mode="safe", MaximumEvaluations=3000)
+    assert 500 < result.getEvaluationNumber("subset") <= 1000
+
+
+def test_a_probability_below_what_the_runs_can_exclude_says_so():
+    rare, _ = solve("P2")
+    bound = rare.getDiagnostics()["unseen bound"]
+    # The first runs and a tenth of the estimate's are drawn as by Monte Carlo: 3 over their number.
+    nominal = 2 * (40 + 2) + 0.1 * rare.getEvaluationNumber("estimation")
+    assert bound == pytest.approx(3.0 / nominal)
+    assert f"of probability below {bound:.1e} that no run has pointed at" in rare.getReason()
+    frequent = event(lambda u: 1.0 - u[:, 0])
+    algorithm = ActiveSubspaceReliability(frequent)
+    algorithm.run()
+    assert algorithm.getResult().getProbabilityEstimate() > algorithm.getResult().getDiagnostics()["unseen bound"]
+    assert "pointed at" not in algorithm.getResult().getReason()
