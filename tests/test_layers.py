@@ -27,7 +27,7 @@ ALLOWED = {
 STANDARD_LIBRARY = {
     "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses", "datetime",
     "difflib", "enum", "faulthandler", "fcntl", "functools", "gc", "hashlib", "importlib", "io", "itertools", "json",
-    "math", "multiprocessing", "os", "pathlib", "pickle", "platform", "re", "signal", "sys", "tempfile",
+    "math", "multiprocessing", "os", "pathlib", "pickle", "platform", "re", "signal", "subprocess", "sys", "tempfile",
     "threading", "time", "tomllib", "traceback", "types", "typing", "warnings", "weakref", "xml", "zipfile", "zlib",
 }  # fmt: skip
 

@@ -5,19 +5,29 @@
 Numba renews a cached function when its own file changes, not when a function that it calls does. Inner kernels are
 therefore not cached, and an entry point is a closure over `SOURCE_DIGEST`, which its cache key contains: a change
 anywhere in this folder compiles anew.
+
+What the cache lacks is compiled by processes of their own (`prepare`). They work at once; and every process that
+simulates loads the same machine code. One that compiles would link its entry points to inner kernels that it compiled
+alone, whose products and sums are fused otherwise, and differ from all later processes in the last bits.
 """
 
 import hashlib
+import pickle
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
+import numba
 from numba import njit
+from numba.core import event
 
 OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
 # Functions that only kernels call need no way in from Python, which costs a third of the time to compile them.
 KERNEL = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
-# Functions whose products and sums the compiler would fuse otherwise where it compiles them into an entry point than
-# where it compiles them alone: the process that compiles and those that load from the cache must agree to the last bit.
-EXACT = {**KERNEL, "fastmath": False}
 # Small functions of inner loops: a call that passes arrays would cost more than what they do.
 INLINE = {"forceinline": True, **KERNEL}
 
@@ -50,3 +60,100 @@ def _digest(folder):
 
 
 SOURCE_DIGEST = _digest(Path(__file__).parent)
+
+
+def entry_point(function: Callable) -> Any:
+    """Compile a function that Python calls, and keep it on disk where there is a folder for it that can be written.
+
+    It is to be a closure that uses `SOURCE_DIGEST`.
+    """
+    try:
+        return njit(nogil=True, cache=True, **OPTIONS)(function)
+    except RuntimeError as error:
+        warnings.warn(
+            f"{error}; every process will compile it: set NUMBA_CACHE_DIR to a folder that can be written",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return njit(nogil=True, **OPTIONS)(function)
+
+
+class _NotInCache(Exception):
+    pass
+
+
+class _Refusal(event.Listener):
+    """Raises where numba begins to compile a function, which it has not found in the cache then."""
+
+    def __init__(self, function):
+        self._function = function
+
+    def on_start(self, begun):
+        if begun.data["dispatcher"] is self._function:
+            raise _NotInCache
+
+    def on_end(self, ended):
+        pass
+
+
+_CHILD = """
+import importlib, pickle, sys
+sys.path[:] = pickle.load(sys.stdin.buffer)
+module, name, types = pickle.load(sys.stdin.buffer)
+getattr(importlib.import_module(module), name).compile(types)
+"""
+_preparing = threading.Lock()
+
+
+def prepare(calls: Mapping[Any, tuple]) -> None:
+    """Load entry points from the cache; those that it lacks are compiled into it first, each by a process of its own.
+
+    Where such a process fails or there is no cache, this process will compile what it calls.
+
+    Parameters
+    ----------
+    calls : mapping of entry point to tuple
+        The arguments that each of them may be called with.
+    """
+    if all(getattr(function, "signatures", True) for function in calls):  # plain Python where nothing is compiled
+        return
+    with _preparing:
+        types = {function: tuple(map(numba.typeof, arguments)) for function, arguments in calls.items()}
+        missing = [function for function in calls if not _loaded(function, types[function])]
+        # A program that Python is embedded in is not to be started a second time.
+        if "python" in Path(sys.executable or "").name:
+            _compile_apart({function: types[function] for function in missing if function.stats.cache_path})
+
+
+def _loaded(function, types):
+    """Is it in the cache? Then it is loaded."""
+    try:
+        with event.install_listener("numba:compile", _Refusal(function)):
+            function.compile(types)
+    except _NotInCache:
+        return False
+    return True
+
+
+def _compile_apart(types):
+    children = []
+    try:
+        for function, arguments in types.items():
+            child = subprocess.Popen(
+                [sys.executable, "-c", _CHILD],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+            children.append(child)
+            with child.stdin as pipe:
+                pickle.dump(sys.path, pipe)
+                pickle.dump((function.__module__, function.__name__, arguments), pipe)
+        for child in children:
+            child.wait()
+    except OSError:
+        pass  # as where a process fails later
+    finally:
+        for child in children:
+            child.kill()
+            child.wait()

@@ -38,7 +38,7 @@ from numba import get_num_threads, njit
 from numpy.typing import ArrayLike
 from scipy.integrate import DOP853
 
-from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
+from satsep_ot.dynamics.compilation import KERNEL, SOURCE_DIGEST, entry_point, prepare
 from satsep_ot.dynamics.gravity import EARTH_RADIUS, differential_gravity
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
 from satsep_ot.dynamics.rotations import rotation_matrix, rotation_matrix_elements
@@ -245,7 +245,7 @@ def nearest(nodes, accelerations, times, first, last):
 def _entry_point(source_digest):
     """The compiled batch, kept on disk under a key that contains the digest of the sources."""
 
-    @njit(cache=True, nogil=True, **OPTIONS)
+    @entry_point
     def approach_all(states, grids, mean_motion, mu, ob, table, room, with_adjoint, distance, time):
         """Fly every run from its release, a row of `states` (n, 24), to where the distance is smallest in its window.
 
@@ -401,9 +401,11 @@ def _fly(states, release_times, masses, orbit, start, end, with_adjoint):
                 (node_number, COAST_SIZE), (node_number, 3), node_number, (_TABLE.shape[1], ADJOINT_SIZE), ADJOINT_SIZE,
             )
         )  # fmt: skip
-        approach_all(
+        arguments = (
             y[part], grids[part], o.mean_motion, orbit.mu, ob, _TABLE, room, with_adjoint, distance[part], time[part]
-        )
+        )  # fmt: skip
+        prepare({approach_all: arguments})
+        approach_all(*arguments)
 
     threads = min(get_num_threads(), 1 + len(y) // RUNS_PER_THREAD)
     ends = np.linspace(0, len(y), threads + 1).astype(int)

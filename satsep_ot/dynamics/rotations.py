@@ -52,7 +52,7 @@ def rotation_matrix(quaternion: ArrayLike) -> np.ndarray:
     >>> print(rotation_matrix([1.0, 0.0, 0.0, 0.0]).astype(int).tolist())
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     """
-    return np.array(rotation_matrix_elements(*(float(component) for component in quaternion))).reshape(3, 3)
+    return np.array(rotation_matrix_elements.py_func(*(float(component) for component in quaternion))).reshape(3, 3)
 
 
 def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:

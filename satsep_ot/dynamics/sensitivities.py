@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numba import njit
 
-from satsep_ot.dynamics.compilation import EXACT, INLINE, KERNEL, known, larger
+from satsep_ot.dynamics.compilation import INLINE, KERNEL, known, larger
 from satsep_ot.dynamics.flight import (
     AT_EXIT,
     AT_START,
@@ -182,7 +182,7 @@ def add_rotation_adjoint(a, row, q0, q1, q2, q3, target):
         a[o + L3] += 2.0 * (q1 * (m02 + m20) + q2 * (m12 + m21) + q0 * (m10 - m01) - 2.0 * q3 * (m00 + m11))
 
 
-@njit(**EXACT)
+@njit(**KERNEL)
 def spring_adjoint(x, at, r, i, target, a, c, marks):
     """From the adjoints of spring i's force, contact point and stroke (rows X to X + 6) to all that they depend on.
 
@@ -448,7 +448,7 @@ def sums_adjoint(x, at, r, a, c):
                 )
 
 
-@njit(**EXACT)
+@njit(**KERNEL)
 def collect_sums(i, sign, w, c, marks, a):
     """Add to the adjoints of guided spring i what that of the sums' matrix says, times `sign`; see `add_to_sums`.
 

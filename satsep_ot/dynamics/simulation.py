@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
-from satsep_ot.dynamics.compilation import KERNEL, OPTIONS, SOURCE_DIGEST
+from satsep_ot.dynamics.compilation import KERNEL, SOURCE_DIGEST, entry_point, prepare
 from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
 from satsep_ot.dynamics.integration import forget_slopes
 from satsep_ot.dynamics.quantities import quantity_table
@@ -113,7 +113,7 @@ def slot_views(slot, store):
 def _entry_points(source_digest):
     """The compiled batch runs, kept on disk under keys that contain the digest of the sources."""
 
-    @njit(nogil=True, cache=True, **OPTIONS)
+    @entry_point
     def run_rows(
         first, end, keep, parameters, orbit, attitude, horizon, tolerance, stops, store,
         base, release_time, status, steps, last, states,
@@ -141,7 +141,7 @@ def _entry_points(source_digest):
             for i in range(follow.clearance.shape[0]):
                 base[row, STATE_SIZE + 2 + i] = follow.clearance[i]
 
-    @njit(nogil=True, cache=True, **OPTIONS)
+    @entry_point
     def sweep_rows(first, end, parameters, store, status, last, columns, room, gradients):
         """Gradients (n, len(columns), P) of columns of the base, a multiple of LANES, of the runs in the slots."""
         digest = source_digest  # noqa: F841
@@ -249,7 +249,9 @@ def gravity_level(separation: Separation) -> int:
 def parameter_rows(separation: Separation, parameters: ArrayLike | None) -> np.ndarray:
     """The parameter vectors as a contiguous (n, P) array; the nominal one if none is given."""
     nominal = separation.parameters()
-    rows = np.ascontiguousarray(np.atleast_2d(nominal if parameters is None else np.asarray(parameters, dtype=float)))
+    given = nominal if parameters is None else parameters
+    # Kernels are compiled for arrays that can be written, as they all are but those that another process has sent.
+    rows = np.require(np.atleast_2d(np.asarray(given, dtype=float)), requirements=["C", "A", "W"])
     if rows.ndim != 2 or rows.shape[1] != nominal.size:
         raise ValueError(f"parameters has shape {rows.shape}; (n, {nominal.size}) is allowed")
     return rows
@@ -348,8 +350,11 @@ def _coast(separation, parameters, base, gradient=False):
         )  # fmt: skip
 
 
-def _simulate(separation, parameters, stops, tolerance, columns=None):
-    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of columns of the base if wanted."""
+_NO_COLUMNS = np.empty(0, np.int64)
+
+
+def _simulate(separation, parameters, stops, tolerance, columns=_NO_COLUMNS):
+    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of columns of the base (n, C, P)."""
     rows = parameter_rows(separation, parameters)
     n, spring_number = len(rows), len(separation.springs)
     common = (
@@ -358,19 +363,20 @@ def _simulate(separation, parameters, stops, tolerance, columns=None):
     base, release_times = np.empty((n, base_size(separation))), np.empty((n, spring_number))
     status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     states = np.empty((n, len(stops), STATE_SIZE))
-    gradients = None if columns is None else np.full((n, len(columns), rows.shape[1]), np.nan)
+    gradients = np.full((n, len(columns), rows.shape[1]), np.nan)
+    sweeping = len(columns) > 0
 
     def job(first, end):
-        keep = columns is not None
-        store = _store(separation, SWEEP_CHUNK if keep else 1)
-        run_rows(
-            first, end, int(keep), rows, *common, store, base, release_times, status, steps, last, states
-        )  # fmt: skip
-        if keep:
-            room = np.empty(sweep_size(spring_number, len(separation.recess_planes)))
-            sweep_rows(first, end, rows, store, status, last, columns, room, gradients)
+        store = _store(separation, SWEEP_CHUNK if sweeping else 1)
+        room = np.empty(sweep_size(spring_number, len(separation.recess_planes)))
+        runs = first, end, int(sweeping), rows, *common, store, base, release_times, status, steps, last, states
+        sweeps = first, end, rows, store, status, last, columns, room, gradients
+        prepare({run_rows: runs, sweep_rows: sweeps})
+        run_rows(*runs)
+        if sweeping:
+            sweep_rows(*sweeps)
 
-    _in_threads(n, RUN_CHUNK if columns is None else SWEEP_CHUNK, job)
+    _in_threads(n, SWEEP_CHUNK if sweeping else RUN_CHUNK, job)
     points = len(separation.recess_points())
     # The smallest clearance of no points is infinite.
     results = base[:, : STATE_SIZE + 2 + points if points else STATE_SIZE + 1]
@@ -384,8 +390,7 @@ def _simulate(separation, parameters, stops, tolerance, columns=None):
     failed = status != Status.OK
     base[failed] = np.nan
     states[failed] = np.nan
-    if gradients is not None:
-        gradients[failed] = np.nan
+    gradients[failed] = np.nan
     return Outcome(separation, rows, base, release_times, status, steps), states, gradients
 
 
