@@ -267,6 +267,11 @@ def _predictionError(polynomial, weights, parameters):
     return math.sqrt(np.average(polynomial.residuals**2, weights=weights)) / slack
 
 
+def _smallestError(column):
+    """An error that needs no larger model: below the smallest that is believed, or the rounding of a constant."""
+    return max(0.5 * _SMALLEST_ERROR * float(column.std()), 1e-14 * float(np.abs(column).max()))
+
+
 def _fitModel(u, column, weights, model, radius, initial):
     directions = np.zeros((u.shape[1], 0))
     if model.degree == 1:
@@ -294,8 +299,7 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
     best = _fitModel(u, column, weights, RidgeModel(0, 0), None, None)
     # The best of each number of directions: with the inactive radius, fewer of them may do.
     ladder = [best]
-    # What is smaller than the smallest error that is believed needs no larger model.
-    floor = 0.5 * _SMALLEST_ERROR * float(column.std())
+    floor = _smallestError(column)
     # What the earlier surrogate has outgrown by more than one step need not be tried again.
     fewest = max(1, 0 if old is None else old.model.dimension - 1)
     lowest = max(1, 0 if old is None else old.model.degree - 1)
@@ -336,7 +340,7 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
 def _withRadius(u, column, weights, fit, radius=None):
     """The same subspace with the inactive radius as one more variable, where that predicts clearly better."""
     best = fit
-    if fit.error <= 0.5 * _SMALLEST_ERROR * float(column.std()) or fit.directions.shape[1] == u.shape[1]:
+    if fit.error <= _smallestError(column) or fit.directions.shape[1] == u.shape[1]:
         return fit
     if radius is None:
         radius = normalisedRadius(u, fit.directions)
