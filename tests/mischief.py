@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 import time
 
 import numpy as np
@@ -60,3 +61,27 @@ def forget_values(values):
 
 def return_text(values):
     return "42"
+
+
+def leave(values):
+    raise SystemExit(3)
+
+
+class Unsendable(Exception):
+    """It cannot be pickled, nor made again from its text."""
+
+    def __init__(self, first, second):
+        super().__init__(f"{first} and {second}")
+        self.lock = threading.Lock()
+
+
+def raise_unsendable(values):
+    raise Unsendable("this", "that")
+
+
+def return_lock(values):
+    return threading.Lock()
+
+
+def stop(values):
+    os.kill(os.getpid(), signal.SIGSTOP)

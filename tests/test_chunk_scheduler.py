@@ -2,18 +2,31 @@
 
 import copy
 import multiprocessing
-import os
 import pickle
 import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
-from mischief import Twice, die, hang, lose_rows, raise_error, stop_short
+from mischief import (
+    Twice,
+    die,
+    hang,
+    leave,
+    lose_rows,
+    raise_error,
+    raise_unsendable,
+    return_lock,
+    stop,
+    stop_short,
+)
+from process_tree import descendants, survivors
 
+from satsep_ot.methods import chunk_scheduler
 from satsep_ot.methods.chunk_scheduler import Chunk, ChunkError, ChunkScheduler, Work, endExecutor, workerNumber
 from satsep_ot.methods.executors import processes
 
@@ -65,7 +78,7 @@ def test_no_more_chunks_are_taken_than_there_is_room_for():
         results.close()
 
 
-@pytest.mark.parametrize("deed", [raise_error, lose_rows])
+@pytest.mark.parametrize("deed", [raise_error, lose_rows, leave])
 def test_a_chunk_that_fails_twice_is_tried_a_third_time(deed, tmp_path):
     with ThreadPoolExecutor(2) as pool:
         assert np.array_equal(run(ChunkScheduler(pool), Twice(deed, 6.0, 2, tmp_path)), EXPECTED)
@@ -73,7 +86,12 @@ def test_a_chunk_that_fails_twice_is_tried_a_third_time(deed, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("deed", "reason"), [(raise_error, "ArithmeticError: the licence server is away"), (lose_rows, r"shape \(1, 1\)")]
+    ("deed", "reason"),
+    [
+        (raise_error, "ArithmeticError: the licence server is away"),
+        (lose_rows, r"shape \(1, 1\)"),
+        (leave, "SystemExit: 3"),
+    ],
 )
 def test_a_chunk_that_always_fails_is_named(deed, reason, tmp_path):
     with ThreadPoolExecutor(2) as pool:
@@ -83,6 +101,8 @@ def test_a_chunk_that_always_fails_is_named(deed, reason, tmp_path):
         assert pool.submit(abs, -1).result() == 1
     assert (caught.value.first, caught.value.end, caught.value.attempts) == (6, 8, 3)
     assert len(list(tmp_path.iterdir())) == 3
+    assert all(worker.startswith("thread ThreadPoolExecutor") for worker, _ in caught.value.failures)
+    assert str(caught.value).count("the same (thread ") == 2
     if deed is raise_error:
         assert "mischief.py" in str(caught.value.__cause__)
 
@@ -124,11 +144,67 @@ def test_in_place_the_error_is_that_of_the_work(tmp_path):
         run(ChunkScheduler(), Twice(lose_rows, 6.0, 99, tmp_path))
 
 
-def test_executors_that_break_when_they_get_work(tmp_path):
+def test_without_chunks_there_is_nothing_to_do():
+    with ThreadPoolExecutor(1) as pool:
+        for executor in (None, pool):
+            assert not list(ChunkScheduler(executor).run(Work(Late()), iter(())))
+
+
+def test_an_executor_that_was_shut_down():
     pool = ThreadPoolExecutor(1)
     pool.shutdown()
-    with pytest.raises(ChunkError, match=r"takes no work \(RuntimeError.*give a callable"):
+    with pytest.raises(ChunkError, match=r"rows 0 to 1 .*takes no work \(RuntimeError.*give a callable"):
         run(ChunkScheduler(pool), Late())
+
+
+def test_an_executor_that_is_shut_down_in_the_middle():
+    pool, seen = ThreadPoolExecutor(1), []
+
+    def read():
+        for chunk, _ in ChunkScheduler(pool).run(Work(Late()), chunks(50)):
+            seen.append(chunk.first)
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    with pytest.raises(ChunkError, match=r"takes no work \(RuntimeError.*give a callable"):
+        read()
+    assert seen[0] == 0
+    assert len(seen) < 50
+
+
+class Refusing(ThreadPoolExecutor):
+    """Its workers cannot be started, the first times."""
+
+    refusals = 0
+
+    def __init__(self, error):
+        super().__init__(1)
+        self.error = error
+
+    def submit(self, *arguments):
+        if Refusing.refusals > 0:
+            Refusing.refusals -= 1
+            raise self.error
+        return super().submit(*arguments)
+
+
+@pytest.mark.parametrize(
+    "error", [BrokenProcessPool("a process died"), BlockingIOError("no more processes"), KeyError()]
+)
+def test_an_executor_that_breaks_when_it_gets_work(error):
+    """It is asked twice; where a callable makes executors the second one is another."""
+    Refusing.refusals = 2
+    with Refusing(error) as pool, pytest.raises(ChunkError, match=rf"takes no work \({type(error).__name__}.*; give a"):
+        run(ChunkScheduler(pool), Late())
+    Refusing.refusals = 1
+    made = []
+    scheduler = ChunkScheduler(lambda: made.append(Refusing(error)) or made[-1])
+    assert np.array_equal(run(scheduler, Late()), EXPECTED)
+    assert len(made) == 2
+    scheduler.close()
+    Refusing.refusals = 99
+    with pytest.raises(ChunkError, match=rf"rows 0 to 1 .*takes no work \({type(error).__name__}.*\)$"):
+        run(scheduler, Late())
+    Refusing.refusals = 0
 
 
 def test_what_is_no_executor_is_refused():
@@ -154,9 +230,14 @@ def test_copies_share_the_executor_and_pickles_have_none():
 
 
 def test_errors_survive_a_pickle():
-    error = pickle.loads(pickle.dumps(ChunkError(0, 5, 2, "it died")))
+    error = pickle.loads(pickle.dumps(ChunkError(0, 5, [("process 7", "it died"), ("", "it died")])))
     assert (error.first, error.end, error.attempts) == (0, 5, 2)
-    assert str(error) == "rows 0 to 4 could not be computed in 2 attempts, the last of which ended so: it died"
+    assert error.failures == (("process 7", "it died"), ("", "it died"))
+    assert str(error) == (
+        "rows 0 to 4 could not be computed in 2 attempts, the last of which ended so: it died; before it: "
+        "the same (process 7)"
+    )
+    assert str(ChunkError(0, 5, [("", "it died"), ("", "it died")])).endswith("ended so: it died")
 
 
 def test_work_that_cannot_be_sent_says_so():
@@ -213,6 +294,36 @@ def test_the_chunk_that_kills_is_told_from_those_beside_it(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("deed", "reason"),
+    [
+        (leave, "SystemExit: 3 .process"),
+        (raise_unsendable, "Unsendable: this and that .process"),
+        (return_lock, "no answer came back .TypeError: cannot pickle"),
+    ],
+)
+def test_what_cannot_come_back_from_a_process(deed, reason, tmp_path):
+    """Neither exits nor exceptions of a model end this process or its pool."""
+    with processes(2)() as pool:
+        scheduler = ChunkScheduler(pool)
+        assert np.array_equal(run(scheduler, Twice(deed, 6.0, 2, tmp_path)), EXPECTED)
+        with pytest.raises(ChunkError, match=rf"rows 6 to 7 .*3 attempts.*{reason}"):
+            run(scheduler, Twice(deed, 6.0, 99, tmp_path))
+        assert pool.submit(abs, -1).result() == 1
+
+
+@pytest.mark.slow
+def test_a_process_that_is_stopped_is_replaced(tmp_path, monkeypatch):
+    """It cannot end itself any more."""
+    monkeypatch.setattr(chunk_scheduler, "_GRACE", 0.5)
+    scheduler = ChunkScheduler(processes(2))
+    scheduler.setTimeout(1.0)
+    assert np.array_equal(run(scheduler, Twice(stop, 6.0, 1, tmp_path)), EXPECTED)
+    scheduler.close()
+    assert not multiprocessing.active_children()
+
+
+@pytest.mark.slow
 def test_a_process_that_hangs_is_ended(tmp_path):
     scheduler = ChunkScheduler(processes(2))
     scheduler.setTimeout(0.5)
@@ -231,35 +342,40 @@ def test_a_broken_pool_that_was_given_cannot_be_replaced(tmp_path):
 
 
 PARENT = """
-import os, sys
+import ctypes
+import os
+import sys
+import time
+
 from satsep_ot.methods.executors import processes
+
+def process(_):
+    time.sleep(0.2)
+    return os.getpid()
+
+def hang(_):
+    # It holds the lock of the interpreter: no other thread of its process runs any more.
+    ctypes.PyDLL(None).sleep(1000)
+
 if __name__ == "__main__":
-    pool = processes(1)()
-    print(pool.submit(os.getpid).result(), flush=True)
+    pool = processes(2)()
+    print(*set(pool.map(process, range(6))), flush=True)
+    pool.submit(hang, 0)
     sys.stdin.read()
 """
 
 
 @pytest.mark.slow
 def test_processes_end_with_a_parent_that_is_killed(tmp_path):
+    """One that waits for work, and one that can do nothing about it itself."""
     script = tmp_path / "parent.py"
     script.write_text(PARENT, encoding="utf-8")
     with subprocess.Popen(
         [sys.executable, str(script)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as parent:
-        worker = int(parent.stdout.readline())
-        assert os.path.exists(f"/proc/{worker}")
+        workers = set(map(int, parent.stdout.readline().split()))
+        assert len(workers) == 2
+        assert workers <= descendants(parent.pid)
+        time.sleep(0.5)
         parent.kill()
-    for _ in range(200):
-        if not os.path.exists(f"/proc/{worker}") or " Z " in open_status(worker):
-            return
-        time.sleep(0.05)
-    pytest.fail("the process of the pool lives on")
-
-
-def open_status(process):
-    try:
-        with open(f"/proc/{process}/stat", encoding="utf-8") as stream:
-            return stream.read()
-    except (FileNotFoundError, ProcessLookupError):
-        return " Z "
+    assert not survivors(workers)

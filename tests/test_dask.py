@@ -1,7 +1,9 @@
 """A real Dask cluster of this machine: the same bits, workers killed in the middle, hangs, wrong addresses."""
 
+import functools
 import logging
 import os
+import re
 import signal
 import socket
 import time
@@ -128,7 +130,7 @@ def test_a_scheduler_that_goes_away_in_the_middle(victims):
     with ThreadPoolExecutor(1) as other:
         closed = other.submit(close)
         with pytest.raises(
-            FunctionChunkError, match=r"could not be computed in .*(worker was lost|cannot be asked)"
+            FunctionChunkError, match=r"could not be computed in .*(no answer came back|cannot be asked)"
         ) as caught:
             function.evaluate(POINTS)
         closed.result()
@@ -141,13 +143,56 @@ def test_a_chunk_that_kills_its_workers_ends_the_run(victims, tmp_path):
     function = ParallelFunction(doubled(tmp_path, die, 150.0, 99), victims[1])
     function.setChunkSize(10)
     function.setMaximumAttempts(1)
-    with pytest.raises(FunctionChunkError, match=r"rows \d+ to \d+ .*its worker was lost \(KilledWorker") as caught:
+    with pytest.raises(FunctionChunkError, match=r"rows \d+ to \d+ .*no answer came back \(KilledWorker") as caught:
         function.evaluate(POINTS)
     assert caught.value.first == 150 or "one of the" in str(caught.value)
     assert len(list(tmp_path.iterdir())) >= 4
     assert 0 in caught.value.rows
     assert 150 not in caught.value.rows
     assert np.array_equal(caught.value.values, 2.0 * POINTS[caught.value.rows])
+
+
+def test_the_chunk_that_kills_its_workers_is_told_from_those_beside_it(victims, tmp_path):
+    """With two attempts: the second one of all that were lost is alone. Each attempt here is one worker of Dask's."""
+    cluster, executor = victims
+    cluster.scheduler.allowed_failures = 0
+    function = ParallelFunction(doubled(tmp_path, die, 150.0, 99), executor)
+    function.setChunkSize(10)
+    function.setMaximumAttempts(2)
+    with pytest.raises(FunctionChunkError, match=r"rows 150 to 159 could not be computed in 2 attempts") as caught:
+        function.evaluate(POINTS)
+    assert "beside it" not in caught.value.failures[-1][1]
+    assert len(list(tmp_path.iterdir())) == 2
+    # Each attempt says which worker it lost.
+    lost = [re.search(r"KilledWorker.*tcp://127\.0\.0\.1:\d+", reason) for _, reason in caught.value.failures]
+    assert all(lost), caught.value.failures
+    assert np.array_equal(caught.value.values, 2.0 * POINTS[caught.value.rows])
+    assert not set(range(150, 160)) & set(caught.value.rows.tolist())
+
+
+def fails_on(guilty, X):
+    """Garbage, at once, from one worker, as where its disk is full or its licence is gone."""
+    X = np.asarray(X)
+    return np.nan * X if 150.0 in X and distributed.get_worker().address in guilty else 2.0 * X
+
+
+def test_a_chunk_that_fails_on_one_worker_is_tried_on_another(executor):
+    """Also where the broken one is idle first."""
+    workers = sorted(executor._client.nthreads())
+    for guilty in workers:
+        model = ot.PythonFunction(1, 1, func_sample=functools.partial(fails_on, [guilty]))
+        function = ParallelFunction(model, executor)
+        function.setChunkSize(10)
+        function.setMaximumAttempts(2)
+        assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
+    function = ParallelFunction(ot.PythonFunction(1, 1, func_sample=functools.partial(fails_on, workers)), executor)
+    function.setChunkSize(10)
+    with pytest.raises(FunctionChunkError, match=r"rows 150 to 159 .* 3 attempts, .*: the function returned") as caught:
+        function.evaluate(POINTS)
+    first, second, third = (worker for worker, _ in caught.value.failures)
+    assert first != second
+    assert {first, second, third} == set(workers)
+    assert all(f"({worker})" in str(caught.value) for worker in workers)
 
 
 def test_a_worker_that_hangs_is_ended(victims, tmp_path):

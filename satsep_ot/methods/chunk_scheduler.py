@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 import zlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from typing import Any
 
@@ -46,26 +46,43 @@ class ChunkError(RuntimeError):
     ----------
     first, end : int
         Its rows are first to end - 1.
-    attempts : int
-        How often it was tried.
+    failures : tuple of (str, str)
+        Of each attempt the worker, where it is known, and how it ended.
     finished : dict of int to object
         Results of later chunks that had finished already, by their first row.
 
     Examples
     --------
     >>> from satsep_ot.methods.chunk_scheduler import ChunkError
-    >>> print(ChunkError(20, 30, 3, "its worker died"))
-    rows 20 to 29 could not be computed in 3 attempts, the last of which ended so: its worker died
+    >>> print(ChunkError(20, 30, [("process 7 on node3", "OSError: disk full"), ("", "its worker died")]))
+    rows 20 to 29 could not be computed in 2 attempts, the last of which ended so: its worker died; before it: \
+OSError: disk full (process 7 on node3)
     """
 
-    def __init__(self, first: int, end: int, attempts: int, reason: str) -> None:
-        tries = "1 attempt, which" if attempts == 1 else f"{attempts} attempts, the last of which"
-        super().__init__(f"rows {first} to {end - 1} could not be computed in {tries} ended so: {reason}")
-        self.first, self.end, self.attempts, self.reason = first, end, attempts, reason
+    def __init__(self, first: int, end: int, failures: Sequence[tuple[str, str]]) -> None:
+        self.first, self.end, self.failures = first, end, tuple(failures)
         self.finished: dict[int, Any] = {}
+        tries = "1 attempt, which" if self.attempts == 1 else f"{self.attempts} attempts, the last of which"
+        super().__init__(f"rows {first} to {end - 1} could not be computed in {tries} ended so: {self.reason}")
+
+    @property
+    def attempts(self) -> int:
+        """How often it was tried."""
+        return len(self.failures)
+
+    @property
+    def reason(self) -> str:
+        """How the last attempt ended, and those before it where that adds anything."""
+        *before, (worker, last) = self.failures
+        earlier = [
+            f"{'the same' if reason == last else reason}{where and f' ({where})'}"
+            for where, reason in before
+            if where or reason != last
+        ]
+        return f"{last}{worker and f' ({worker})'}" + (f"; before it: {'; '.join(earlier)}" if earlier else "")
 
     def __reduce__(self):
-        return ChunkError, (self.first, self.end, self.attempts, self.reason)
+        return ChunkError, (self.first, self.end, self.failures)
 
 
 class Work:
@@ -129,7 +146,7 @@ class Chunk:
     first: int
     end: int
     argument: Any
-    attempts: int = 0
+    failures: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     alone: bool = False
     future: Future | None = None
     executor: Executor | None = None
@@ -138,17 +155,23 @@ class Chunk:
 
 
 @dataclasses.dataclass
-class _Raised:
-    """What the work itself raised, as text: an exception need not survive a pickle."""
+class _Answer:
+    """What the work gave on which worker, or what it raised, as text: an exception need not survive a pickle."""
 
-    reason: str
-    traceback: str
+    worker: str
+    result: Any = None
+    reason: str | None = None
+    traceback: str = ""
 
     @staticmethod
-    def of(error):
-        # OpenTURNS puts the traceback of a Python function into its message.
-        first = (str(error).splitlines() or [""])[0]
-        return _Raised(f"{type(error).__name__}: {first}", traceback.format_exc())
+    def of(worker, compute):
+        try:
+            return _Answer(worker, compute())
+        except BaseException as error:
+            # Whatever it is: a model that calls sys.exit is not to end the process that waits for it.
+            # OpenTURNS puts the traceback of a Python function into its message.
+            first = (str(error).splitlines() or [""])[0]
+            return _Answer(worker, None, f"{type(error).__name__}: {first}", traceback.format_exc())
 
 
 class ChunkScheduler:
@@ -262,7 +285,7 @@ class ChunkScheduler:
                 result = work.function(chunk.argument)
                 reason = check(chunk, result)
                 if reason:
-                    raise ChunkError(chunk.first, chunk.end, 1, reason)
+                    raise ChunkError(chunk.first, chunk.end, [("", reason)])
                 yield chunk, result
         else:
             yield from _Run(self, work, check).results(iter(chunks))
@@ -337,7 +360,7 @@ class _Run:
                 raise
             chunk = self._running[0]
             reason = f"the cluster cannot be asked for its workers any more ({type(error).__name__}: {error})"
-            raise ChunkError(chunk.first, chunk.end, chunk.attempts + 1, reason) from error
+            raise ChunkError(chunk.first, chunk.end, [*chunk.failures, ("", reason)]) from error
         if self._workers:
             self._moved = now if self._lonely is not None else self._moved
             self._lonely = None
@@ -346,7 +369,7 @@ class _Run:
         elif now - self._lonely > self._scheduler._patience and self._running:
             chunk = self._running[0]
             reason = f"the cluster has had no worker for {self._scheduler._patience:g} s"
-            raise ChunkError(chunk.first, chunk.end, chunk.attempts + 1, reason)
+            raise ChunkError(chunk.first, chunk.end, [*chunk.failures, ("", reason)])
 
     def _mayStart(self):
         """Whether a new chunk may start: two for each worker, none beside one that must be alone."""
@@ -368,14 +391,13 @@ class _Run:
         for _ in range(2):
             executor = scheduler._current()
             chunk.executor, chunk.submitted, chunk.started = executor, time.monotonic(), None
+            if isinstance(executor, ThreadPoolExecutor):
+                call = (_inThread, self._work.function, chunk.argument)
+            else:
+                call = (_inWorker, self._work.payload, chunk.argument, scheduler._timeout, os.getpid())
             try:
-                if isinstance(executor, ThreadPoolExecutor):
-                    chunk.future = executor.submit(_inThread, self._work.function, chunk.argument)
-                else:
-                    chunk.future = executor.submit(
-                        _inWorker, self._work.payload, chunk.argument, scheduler._timeout, os.getpid()
-                    )
-            except RuntimeError as error:
+                chunk.future = executor.submit(*call, **_elsewhere(executor, chunk))
+            except Exception as error:
                 # A pool is found to be broken, or shut down, here where no chunk of ours was with it.
                 problem = error
                 scheduler._discard(executor)
@@ -384,7 +406,7 @@ class _Run:
             return
         cure = "" if scheduler._factory is not None else "; give a callable that makes an executor to have it replaced"
         reason = f"the executor takes no work ({type(problem).__name__}: {problem}){cure}"
-        raise ChunkError(chunk.first, chunk.end, chunk.attempts + 1, reason) from problem
+        raise ChunkError(chunk.first, chunk.end, [*chunk.failures, ("", reason)]) from problem
 
     def _finished(self):
         """Chunks that finished well meanwhile, with their results; the others are put back or end the run."""
@@ -395,7 +417,7 @@ class _Run:
                 # Dask keeps a result in the cluster, and makes it again where it is lost, as long as its future lives.
                 future, chunk.future = chunk.future, None
                 try:
-                    result = future.result()
+                    answer = future.result()
                 except BrokenExecutor as error:
                     self._scheduler._discard(chunk.executor)
                     timeout = self._scheduler._timeout
@@ -404,18 +426,19 @@ class _Run:
                     continue
                 except Exception as error:
                     # Dask, too, blames every chunk that waited at a worker that died.
-                    lost = f"its worker was lost ({type(error).__name__}: {error})"
+                    lost = f"no answer came back ({type(error).__name__}: {error})"
                     self._failed(chunk, lost, broken=True, cause=error)
                     continue
-                if isinstance(result, _Raised):
-                    self._failed(chunk, result.reason, cause=RuntimeError(f"on the worker:\n{result.traceback}"))
+                if answer.reason is not None:
+                    cause = RuntimeError(f"on the worker:\n{answer.traceback}")
+                    self._failed(chunk, answer.reason, answer.worker, cause=cause)
                     continue
-                reason = self._check(chunk, result)
+                reason = self._check(chunk, answer.result)
                 if reason:
-                    self._failed(chunk, reason)
+                    self._failed(chunk, reason, answer.worker)
                     continue
                 self._moved = time.monotonic()
-                yield chunk, result
+                yield chunk, answer.result
             elif self._hangs(chunk):
                 self._running.remove(chunk)
                 chunk.future.cancel()
@@ -437,15 +460,28 @@ class _Run:
             timeout = 2.0 * timeout + _GRACE
         return now - chunk.started > timeout
 
-    def _failed(self, chunk, reason, broken=False, cause=None):
-        chunk.attempts += 1
-        if chunk.attempts >= self._scheduler._maximumAttempts:
-            others = len(self._running)
-            if broken and others and not chunk.alone:
-                reason += f"; it may have been one of the {others} chunks beside it"
-            raise ChunkError(chunk.first, chunk.end, chunk.attempts, reason) from cause
-        chunk.alone = broken and chunk.attempts == self._scheduler._maximumAttempts - 1
+    def _failed(self, chunk, reason, worker="", broken=False, cause=None):
+        left = self._scheduler._maximumAttempts - len(chunk.failures) - 1
+        others = len(self._running)
+        if left <= 0 and broken and others and not chunk.alone:
+            reason += f"; it may have been one of the {others} chunks beside it"
+        chunk.failures.append((worker, reason))
+        if left <= 0:
+            raise ChunkError(chunk.first, chunk.end, chunk.failures) from cause
+        chunk.alone = broken and left == 1
         self._again.append(chunk)
+
+
+def _elsewhere(executor, chunk):
+    """What asks a cluster for a worker that has not failed at the chunk.
+
+    A worker that fails at once is the first one to be idle, and would get all that is tried again.
+    """
+    failed = {worker for worker, _ in chunk.failures}
+    if not chunk.failures or not hasattr(executor, "_client") or isinstance(executor, ThreadPoolExecutor):
+        return {}
+    others = [address for address in executor._client.nthreads() if address not in failed]
+    return {"workers": others, "allow_other_workers": True} if others else {}
 
 
 def workerNumber(executor: Executor) -> int:
@@ -483,22 +519,32 @@ def _load(payload):
 
 
 def _inThread(function, argument):
-    try:
+    def compute():
         with _oneThread():
             return function(argument)
-    except Exception as error:
-        return _Raised.of(error)
+
+    return _Answer.of(f"thread {threading.current_thread().name}", compute)
 
 
 def _inWorker(payload, argument, timeout, parent):
     """The work on a chunk, in a process that is ended if it takes too long; not if it is the one that waits."""
-    try:
+
+    def compute():
         # A worker's first chunk loads libraries too, which the time of a chunk is not meant for.
         function = _load(payload)
         with _deadline(timeout if os.getpid() != parent else None), _oneThread():
             return function(argument)
-    except Exception as error:
-        return _Raised.of(error)
+
+    return _Answer.of(_thisWorker(), compute)
+
+
+def _thisWorker():
+    """The address of a Dask worker, or which process this is."""
+    distributed = sys.modules.get("distributed")
+    if distributed is not None:
+        with contextlib.suppress(ValueError):
+            return distributed.get_worker().address
+    return f"process {os.getpid()} on {os.uname().nodename}"
 
 
 @contextlib.contextmanager

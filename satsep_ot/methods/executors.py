@@ -1,14 +1,15 @@
 """Executors for functions and streams: processes on this machine, a Dask cluster elsewhere."""
 
 import contextlib
+import fcntl
 import functools
 import gc
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
+from multiprocessing import connection
 
 from satsep_ot.methods.single_thread import singleThread
 
@@ -52,14 +53,23 @@ def processes(number: int | None = None) -> Callable[[], Executor]:
 
 def _prepareProcess():
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _endWithParent()
     singleThread().__enter__()
-    threading.Thread(target=_endWithParent, daemon=True).start()
 
 
 def _endWithParent():
-    # Processes of a pool would wait for work for ever if their parent were killed.
-    multiprocessing.parent_process().join()
-    os._exit(1)
+    """Let the kernel kill this process when its parent ends, however that ends.
+
+    Processes of a pool would otherwise wait for work for ever. A thread that waits for the parent would itself wait
+    where a model that hangs holds the interpreter's lock.
+    """
+    # A pipe that the parent alone holds the other end of.
+    pipe = multiprocessing.parent_process().sentinel
+    fcntl.fcntl(pipe, fcntl.F_SETOWN, os.getpid())
+    fcntl.fcntl(pipe, fcntl.F_SETSIG, signal.SIGKILL)
+    fcntl.fcntl(pipe, fcntl.F_SETFL, fcntl.fcntl(pipe, fcntl.F_GETFL) | fcntl.FASYNC)
+    if connection.wait([pipe], timeout=0.0):
+        os._exit(1)
 
 
 @contextlib.contextmanager

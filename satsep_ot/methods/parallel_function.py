@@ -312,7 +312,7 @@ class FunctionChunkError(ChunkError):
     """
 
     def __init__(self, error: ChunkError, rows: np.ndarray, values: np.ndarray) -> None:
-        super().__init__(error.first, error.end, error.attempts, error.reason)
+        super().__init__(error.first, error.end, error.failures)
         self.rows, self.values = rows, values
 
     def __reduce__(self):
