@@ -3,7 +3,8 @@ Save and load with ot.Study
 ===========================
 
 The problem, the surrogate and the result survive in a file: the function is a Python object that the reader can import,
-the surrogate is native to OpenTURNS, and the whole reliability result has a file of its own.
+the surrogate is native to OpenTURNS. The whole results, of reliability, of an active subspace and of a regression, with
+their samples, intervals and diagnostics, have files of their own: ``save`` and ``load``, to the last bit.
 """
 
 import tempfile
@@ -11,6 +12,9 @@ from pathlib import Path
 
 import openturns as ot
 
+from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
+from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
+from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -22,6 +26,12 @@ algorithm = ActiveSubspaceReliability(event)
 algorithm.setComponents(*problem.getComponents("spin"))
 algorithm.run()
 result = algorithm.getResult()
+
+search = ActiveSubspaceAlgorithm(event.getFunction(), problem.getDistribution())
+search.setSamplingSize(150)
+search.run()
+subspace = search.getResult()
+regression = subspace.getRegressionResult()
 
 with tempfile.TemporaryDirectory() as directory:
     path = Path(directory) / "study.xml"
@@ -46,9 +56,13 @@ with tempfile.TemporaryDirectory() as directory:
     ):
         loaded.fillObject(name, thing)
 
-    # Everything that our own result knows, diagnostics and runs included.
+    # Everything that our own results know, diagnostics and runs included.
     result.save(Path(directory) / "spin.npz")
     whole = ActiveSubspaceReliabilityResult.load(Path(directory) / "spin.npz")
+    subspace.save(Path(directory) / "subspace.npz")
+    subspace_again = ActiveSubspaceResult.load(Path(directory) / "subspace.npz")
+    regression.save(Path(directory) / "regression.npz")
+    regression_again = MultivariatePolynomialRegressionResult.load(Path(directory) / "regression.npz")
 
 point = problem.getDistribution().getMean()
 same_spin = event_again.getFunction()(point) == event.getFunction()(point)
@@ -58,4 +72,10 @@ print(
 )
 print(
     f"probability {result_again.getProbabilityEstimate():.4e} from ot.Study, {whole.getProbabilityEstimate():.4e} whole"
+)
+print(
+    f"active subspace of dimension {subspace_again.getDimension()}, same intervals "
+    f"{subspace_again.getEigenvaluesInterval() == subspace.getEigenvaluesInterval()}; regression with Q2 "
+    f"{regression_again.getQ2LeaveOneOut()[0]:.3f}, same coefficients "
+    f"{regression_again.getCoefficients() == regression.getCoefficients()}"
 )

@@ -91,6 +91,8 @@ def test_save_and_load(capsys):
     assert names["whole"].getProbabilityEstimate() == names["result"].getProbabilityEstimate()
     assert names["result_again"].getProbabilityEstimate() == names["result"].getProbabilityEstimate()
     assert "dimension 35" in printed
+    assert "same intervals True" in printed
+    assert "same coefficients True" in printed
 
 
 def test_sensitivity_analysis(capsys):

@@ -268,7 +268,7 @@ def test_a_result_is_the_same_after_loading(tmp_path):
     with pytest.raises(ValueError, match=r"must end on \.npz"):
         result.save(tmp_path / "result.pickle")
     (tmp_path / "other.npz").write_text("nothing", encoding="utf-8")
-    with pytest.raises(ValueError, match="not a result"):
+    with pytest.raises(ValueError, match="holds no ActiveSubspaceReliabilityResult"):
         ActiveSubspaceReliabilityResult.load(tmp_path / "other.npz")
 
 

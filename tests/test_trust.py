@@ -137,7 +137,7 @@ def test_pickles_in_results_are_not_loaded(tmp_path):
     np.savez(path, document=np.array([Bomb(trap)], dtype=object), inputs=np.array([Bomb(trap)], dtype=object))
     with pytest.raises(ValueError, match="holds no true runs"):
         TrueRuns.load(path)
-    with pytest.raises(ValueError, match="is not a result"):
+    with pytest.raises(ValueError, match="holds no ActiveSubspaceReliabilityResult"):
         ActiveSubspaceReliabilityResult.load(path)
     for name in ("results.json", "motion.json", "case.toml"):
         (tmp_path / name).write_bytes(pickle.dumps(Bomb(trap)))

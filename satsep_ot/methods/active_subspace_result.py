@@ -1,6 +1,7 @@
 """What an active subspace tells: spectrum, directions, maps, scores, graphs."""
 
 import math
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -26,6 +27,7 @@ from satsep_ot.methods.polynomial_regression import (
     MultivariatePolynomialRegression,
     MultivariatePolynomialRegressionResult,
 )
+from satsep_ot.methods.result_storage import readResult, writeResult
 from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.subspace_estimation import (
     bootstrap_distances,
@@ -35,6 +37,8 @@ from satsep_ot.methods.subspace_estimation import (
     reflected_bands,
     subspace_distance,
 )
+
+_FORMAT = "ActiveSubspaceResult 1"
 
 
 def _checkLevel(level):
@@ -62,6 +66,15 @@ class ActiveSubspaceResult:
     >>> result.getTransformation().getOutputDimension()
     1
     >>> graph = result.drawEigenvalues()
+
+    Kept in a file, and back to the last bit:
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     result.save(f"{directory}/subspace.npz")
+    ...     again = type(result).load(f"{directory}/subspace.npz")
+    >>> again.getEigenvaluesInterval() == result.getEigenvaluesInterval()
+    True
     """
 
     def __init__(
@@ -78,7 +91,8 @@ class ActiveSubspaceResult:
         self._space = space
         self._points = points
         self._values = values
-        self._gradients = gradients
+        # In the order in which a file keeps them, so that sums over them are the same to the last bit.
+        self._gradients = np.ascontiguousarray(gradients)
         self._weights = weights
         self._remarks = []
         self._regression = None
@@ -489,6 +503,44 @@ class ActiveSubspaceResult:
         """Distance ||W W^T - V V^T||_2 of the active subspace to another one given by (d, r) columns."""
         other = linalg.qr(np.array(directions, dtype=float), mode="economic")[0]
         return subspace_distance(self._active(), other)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the result to one file, whole or not at all: arrays, and the distribution as OpenTURNS' XML.
+
+        What is loaded answers everything as this result does, to the last bit, bootstrap intervals included. For the
+        map to the active variables alone put :meth:`getTransformation` into an :py:class:`openturns.Study`.
+
+        Parameters
+        ----------
+        path : str or path
+            Ends on ``.npz``.
+        """
+        fields = {name.removeprefix("_"): value for name, value in vars(self).items()}
+        # The space is made of the distribution, the regression of the samples.
+        del fields["space"], fields["regression"]
+        writeResult(path, _FORMAT, fields | {"distribution": self._space.getDistribution()})
+
+    @classmethod
+    def load(cls, path: str | os.PathLike) -> "ActiveSubspaceResult":
+        """The result that `save` has written.
+
+        Parameters
+        ----------
+        path : str or path
+
+        Raises
+        ------
+        ValueError
+            The file is not such a result.
+        """
+        fields = readResult(path, _FORMAT, objects={"distribution": ot.Distribution()})
+        # Not through the constructor, which would draw the bootstrap anew.
+        result = cls.__new__(cls)
+        result._space = StandardSpace(fields.pop("distribution"))
+        result._regression = None
+        for name, value in fields.items():
+            setattr(result, f"_{name}", value)
+        return result
 
 
 def _add_band(graph, middle, lower, upper, level):

@@ -292,6 +292,9 @@ class PolynomialFit:
     weights : ndarray (n,) or None
     condition : float
         Condition number of the weighted design (an estimate in the 1-norm unless the rank is deficient).
+    factor : ndarray
+        At full rank the upper triangle R of the weighted design (below its diagonal there is something else);
+        otherwise the matrix (size, rank) that turns a basis vector psi into the row psi^T factor of Q.
     """
 
     def __init__(
@@ -312,9 +315,7 @@ class PolynomialFit:
         self._points = points
         self._values = values
         self.weights = weights
-        # At full rank the upper triangle R of the weighted design (below its diagonal there is something else);
-        # otherwise the matrix (size, rank) that turns a basis vector psi into the row psi^T factor of Q.
-        self._factor = factor
+        self.factor = factor
 
     @functools.cached_property
     def residuals(self) -> np.ndarray:
@@ -338,8 +339,8 @@ class PolynomialFit:
         """Rows q (n, rank) with |q|^2 the variance of the prediction over the noise variance (weight 1)."""
         values = self.basis.evaluate(points)
         if self.rank < self.basis.size:
-            return values.T @ self._factor
-        return linalg.solve_triangular(self._factor, values, trans="T", check_finite=False).T
+            return values.T @ self.factor
+        return linalg.solve_triangular(self.factor, values, trans="T", check_finite=False).T
 
     @functools.cached_property
     def _training_rows(self):
@@ -364,9 +365,9 @@ class PolynomialFit:
 
     def relative_covariance(self) -> np.ndarray:
         """Covariance (size, size) of the coefficients over the noise variance."""
-        half = self._factor
+        half = self.factor
         if self.rank == self.basis.size:
-            half = linalg.solve_triangular(self._factor, np.eye(self.rank), check_finite=False)
+            half = linalg.solve_triangular(self.factor, np.eye(self.rank), check_finite=False)
         return half @ half.T
 
     def relative_variance(self, points: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 import dataclasses
 import functools
 import math
+import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from satsep_ot.methods.polynomial_basis import PolynomialBasis, PolynomialFit, fit_polynomial, hermite_recurrence
 from satsep_ot.methods.polynomial_prediction import PolynomialPrediction
+from satsep_ot.methods.result_storage import readResult, writeResult
 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
 HUBER_CONSTANT = 1.345
@@ -19,6 +21,7 @@ HUBER_STEPS = 50
 # Minus the mean of the logarithm of a chi-square variable with one degree of freedom.
 LOG_CHI_SQUARE = math.log(2.0) + np.euler_gamma
 HIGHEST_DEGREE = 10
+_FORMAT = "MultivariatePolynomialRegressionResult 1"
 
 
 def shuffled_folds(size: int, folds: int) -> list[np.ndarray]:
@@ -50,6 +53,26 @@ class _Reduction:
     families: list
     centre: np.ndarray
     slope: np.ndarray
+
+    @staticmethod
+    def of(law):
+        """That of a law with independent marginals."""
+        families = []
+        centre, slope = np.array(law.getMean()), 1.0 / np.array(law.getStandardDeviation())
+        if _isNormal(law):
+            return _Reduction(law, [ot.HermiteFactory()] * len(centre), centre, slope)
+        for i in range(law.getDimension()):
+            marginal = law.getMarginal(i)
+            if _isNormal(marginal):
+                families.append(ot.HermiteFactory())
+                continue
+            family = ot.StandardDistributionPolynomialFactory(marginal)
+            measure = family.getMeasure()
+            # So that mean and standard deviation go to those of the family's own measure.
+            slope[i] *= measure.getStandardDeviation()[0]
+            centre[i] -= measure.getMean()[0] / slope[i]
+            families.append(family)
+        return _Reduction(law, families, centre, slope)
 
     def apply(self, points):
         return (np.asarray(points, dtype=float) - self.centre) * self.slope
@@ -205,23 +228,7 @@ class MultivariatePolynomialRegression:
         return ot.Distribution(ot.Normal(self._points.mean(axis=0), scale, ot.CorrelationMatrix(len(scale))))
 
     def _reduction(self):
-        law = self._law()
-        families = []
-        centre, slope = np.array(law.getMean()), 1.0 / np.array(law.getStandardDeviation())
-        if _isNormal(law):
-            return _Reduction(law, [ot.HermiteFactory()] * len(centre), centre, slope)
-        for i in range(law.getDimension()):
-            marginal = law.getMarginal(i)
-            if _isNormal(marginal):
-                families.append(ot.HermiteFactory())
-                continue
-            family = ot.StandardDistributionPolynomialFactory(marginal)
-            measure = family.getMeasure()
-            # So that mean and standard deviation go to those of the family's own measure.
-            slope[i] *= measure.getStandardDeviation()[0]
-            centre[i] -= measure.getMean()[0] / slope[i]
-            families.append(family)
-        return _Reduction(law, families, centre, slope)
+        return _Reduction.of(self._law())
 
     def _basis(self, families, degree):
         if all(isinstance(family, ot.HermiteFactory) for family in families):
@@ -290,7 +297,17 @@ class MultivariatePolynomialRegressionResult:
     >>> inputs = np.linspace(-1.0, 1.0, 30)[:, None]
     >>> regression = MultivariatePolynomialRegression(inputs, np.exp(inputs))
     >>> regression.run()
-    >>> bool(regression.getResult().getQ2LeaveOneOut()[0] > 0.9999)
+    >>> result = regression.getResult()
+    >>> bool(result.getQ2LeaveOneOut()[0] > 0.9999)
+    True
+
+    Kept in a file, and back to the last bit:
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     result.save(f"{directory}/regression.npz")
+    ...     again = type(result).load(f"{directory}/regression.npz")
+    >>> again.getCoefficients() == result.getCoefficients()
     True
     """
 
@@ -567,3 +584,42 @@ class MultivariatePolynomialRegressionResult:
         )
         slopes *= self._reduction.slope[:, None]
         return ot.Matrix(slopes @ slopes.T)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the result to one file, whole or not at all: arrays, and the law of the inputs as OpenTURNS' XML.
+
+        What is loaded answers everything as this result does, to the last bit. For the polynomial alone put
+        :meth:`getMetaModel` into an :py:class:`openturns.Study`.
+
+        Parameters
+        ----------
+        path : str or path
+            Ends on ``.npz``.
+        """
+        fit = self._fit
+        fields = {"law": self._reduction.law, "centre": self._reduction.centre, "slope": self._reduction.slope}
+        fields |= {"points": self._points, "values": self._values, "descriptions": self._descriptions}
+        fields |= {name: getattr(fit.basis, name) for name in ("dimension", "degree", "norm", "recurrence")}
+        fields |= {name: getattr(fit, name) for name in ("weights", "coefficients", "factor", "rank", "condition")}
+        writeResult(path, _FORMAT, fields)
+
+    @staticmethod
+    def load(path: str | os.PathLike) -> "MultivariatePolynomialRegressionResult":
+        """The result that `save` has written.
+
+        Parameters
+        ----------
+        path : str or path
+
+        Raises
+        ------
+        ValueError
+            The file is not such a result.
+        """
+        fields = readResult(path, _FORMAT, objects={"law": ot.Distribution()})
+        reduction = _Reduction.of(fields.pop("law"))
+        reduction.centre, reduction.slope = fields.pop("centre"), fields.pop("slope")
+        points, values, descriptions = (fields.pop(name) for name in ("points", "values", "descriptions"))
+        basis = PolynomialBasis(*(fields.pop(name) for name in ("dimension", "degree", "norm", "recurrence")))
+        fit = PolynomialFit(basis, reduction.apply(points), values, **fields)
+        return MultivariatePolynomialRegressionResult(fit, points, values, reduction, descriptions)

@@ -14,12 +14,13 @@ from satsep_ot.methods import failure_sample as fs
 from satsep_ot.methods.importance_proposal import Pool, paretoShape
 from satsep_ot.methods.limit_state_event import LimitStateEvent, Runs
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
-from satsep_ot.methods.result_storage import readResult, writeResult
+from satsep_ot.methods.result_storage import fromXML, readResult, writeResult
 from satsep_ot.methods.true_runs import TrueRuns
 
 # Points that carry the surrogate's share of the failure distribution.
 _SURROGATE_POINTS = 10_000
 _CONTOUR_POINTS = 61
+_FORMAT = "ActiveSubspaceReliabilityResult 2"
 
 
 def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float, float]:
@@ -559,7 +560,7 @@ class ActiveSubspaceReliabilityResult:
         fields["_view"] = None if self._view is None else self._getView()
         if callable(self._failureSample):
             fields["_failureSample"] = self._failureSample()
-        writeResult(path, {name.removeprefix("_"): value for name, value in fields.items()})
+        writeResult(path, _FORMAT, {name.removeprefix("_"): value for name, value in fields.items()})
 
     @staticmethod
     def load(path: str | os.PathLike, event: Any | None = None) -> "ActiveSubspaceReliabilityResult":
@@ -577,10 +578,17 @@ class ActiveSubspaceReliabilityResult:
             The file is not such a result.
         """
         fields = readResult(
-            path, {"runs": Runs, "interval": IntervalLaw, "view": SurrogateView, "failureSample": fs.FailureSample}
+            path,
+            _FORMAT,
+            {"runs": Runs, "interval": IntervalLaw, "view": SurrogateView, "failureSample": fs.FailureSample},
+            {"distribution": ot.Distribution(), "event": ot.RandomVector()},
         )
         if fields["event"] is None:
             fields["event"] = event
+        view = fields["view"]
+        if view is not None and view.metaModel is not None:
+            view.metaModel = fromXML(view.metaModel, ot.Function())
+        fields["history"] = [tuple(row) for row in fields["history"]]
         return ActiveSubspaceReliabilityResult(**fields)
 
     # Graphs. ---------------------------------------------------------------------------------------------------------

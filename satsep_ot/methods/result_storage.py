@@ -14,7 +14,8 @@ from xml.etree import ElementTree
 import numpy as np
 import openturns as ot
 
-_FORMAT = "ActiveSubspaceReliabilityResult 2"
+# Stands in the document for an array of the archive.
+_ARRAY = "\x00array"
 # What a killed process leaves of a file that was not complete begins so.
 TEMPORARY = ".unfinished-"
 
@@ -117,33 +118,74 @@ def _file():
         yield Path(directory) / "object.xml"
 
 
-def writeResult(path: str | os.PathLike, fields: dict) -> None:
-    """Write named fields: plain values, dataclasses of arrays and OpenTURNS objects.
+def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
+    """Write named fields: plain values, arrays, dataclasses of these, and OpenTURNS objects.
 
     An event whose function is in Python is left out: it would be stored as code that runs on loading.
+
+    Parameters
+    ----------
+    path : str or path
+        Ends on ``.npz``.
+    kind : str
+        What the file holds and in which version, for `readResult`.
+    fields : dict
+
+    Raises
+    ------
+    ValueError
+        The name ends on something else, or an OpenTURNS object is in Python.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.result_storage import readResult, writeResult
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     writeResult(f"{directory}/a.npz", "A 1", {"x": np.ones(2), "law": ot.Normal(0.0, 3.0), "n": 3})
+    ...     fields = readResult(f"{directory}/a.npz", "A 1", objects={"law": ot.Distribution()})
+    >>> print(fields["x"], fields["law"], fields["n"])
+    [1. 1.] Normal(mu = 0, sigma = 3) 3
     """
     path = Path(path)
     if path.suffix != ".npz":
         raise ValueError(f"the file is {path}; its name must end on .npz")
-    arrays, document = {}, {"format": _FORMAT}
+    arrays, document = {}, {"format": kind}
     for name, value in fields.items():
-        if name == "event" and "class=Python" in repr(value):
-            # Looked at before it is made: the pickle of a function takes all that it refers to along.
+        if name == "event" and _isPython(value):
             value = None
         if dataclasses.is_dataclass(value):
             content = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
             arrays |= {f"{name}.{key}": part for key, part in content.items() if isinstance(part, np.ndarray)}
-            document[name] = {key: _plain(part) for key, part in content.items() if not isinstance(part, np.ndarray)}
+            document[name] = {
+                key: _plain(key, part) for key, part in content.items() if not isinstance(part, np.ndarray)
+            }
+        elif isinstance(value, np.ndarray):
+            arrays[name] = value
+            document[name] = _ARRAY
         else:
-            document[name] = _plain(value)
+            document[name] = _plain(name, value)
     arrays["document"] = np.array(json.dumps(document))
     writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))  # type: ignore[arg-type]
 
 
-def _plain(value):
+def _isPython(thing):
+    """Whether an OpenTURNS object is made of Python.
+
+    Looked at before it is made XML: the pickle of a function takes all that it refers to along.
+    """
+    return "class=Python" in repr(thing)
+
+
+def _plain(name, value):
     """A value that JSON knows: OpenTURNS objects become XML."""
+    if isinstance(value, np.generic):
+        value = value.item()
     if value is None or isinstance(value, (bool, int, float, str, list, dict)):
         return value
+    if _isPython(value):
+        raise ValueError(f"the {name} is made of Python code, which is not stored: it would run on loading")
     try:
         return toXML(value)
     except RuntimeError:
@@ -151,14 +193,20 @@ def _plain(value):
         return None
 
 
-def readResult(path: str | os.PathLike, classes: dict) -> dict:
+def readResult(
+    path: str | os.PathLike, kind: str, classes: dict | None = None, objects: dict | None = None
+) -> dict[str, Any]:
     """The fields that `writeResult` has written.
 
     Parameters
     ----------
     path : str or path
-    classes : dict
+    kind : str
+        As it was written.
+    classes : dict, optional
         Dataclass of each field that is one.
+    objects : dict, optional
+        An empty OpenTURNS object for each field that is one.
 
     Raises
     ------
@@ -169,23 +217,20 @@ def readResult(path: str | os.PathLike, classes: dict) -> dict:
         with np.load(path, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         document = json.loads(str(arrays.pop("document")))
-        if document.pop("format") != _FORMAT:
+        if document.pop("format") != kind:
             raise KeyError("format")
-    except (KeyError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} is not a result written by save(), or of another version") from error
+    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} holds no {kind.split()[0]} of this version, as its save() writes it") from error
     fields = {}
     for name, value in document.items():
-        if name in classes and value is not None:
+        if value == _ARRAY:
+            fields[name] = arrays[name]
+        elif value is not None and name in (classes or {}):
             prefix = f"{name}."
             parts = {key.removeprefix(prefix): array for key, array in arrays.items() if key.startswith(prefix)}
             fields[name] = classes[name](**value, **parts)
+        elif value is not None and name in (objects or {}):
+            fields[name] = fromXML(value, objects[name])
         else:
             fields[name] = value
-    fields["distribution"] = fromXML(fields["distribution"], ot.Distribution())
-    if fields["event"] is not None:
-        fields["event"] = fromXML(fields["event"], ot.RandomVector())
-    view = fields["view"]
-    if view is not None and view.metaModel is not None:
-        view.metaModel = fromXML(view.metaModel, ot.Function())
-    fields["history"] = [tuple(row) for row in fields["history"]]
     return fields
