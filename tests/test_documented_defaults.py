@@ -1,0 +1,80 @@
+"""Every default that a setter's documentation names is the one that a new object has."""
+
+import inspect
+import re
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
+from satsep_ot.methods.chunk_scheduler import ChunkScheduler
+from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.parallel_function import ParallelFunction
+from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.ridge_approximation import RidgeApproximation
+
+FUNCTION = ot.SymbolicFunction(["a", "b", "c", "d"], ["a + b + c + d"])
+LAW = ot.Normal(4)
+POINTS = np.random.default_rng(0).standard_normal((30, 4))
+OBJECTS = {
+    "reliability": lambda: ActiveSubspaceReliability(
+        ot.ThresholdEvent(ot.CompositeRandomVector(FUNCTION, ot.RandomVector(LAW)), ot.Greater(), 5.0)
+    ),
+    "active subspace": lambda: ActiveSubspaceAlgorithm(FUNCTION, LAW),
+    "regression": lambda: MultivariatePolynomialRegression(POINTS, POINTS[:, :1]),
+    "ridge": lambda: RidgeApproximation(POINTS, POINTS[:, :1], LAW),
+    "scheduler": ChunkScheduler,
+    "parallel function": lambda: ParallelFunction(FUNCTION),
+    "stream": lambda: MonteCarloStream(FUNCTION, LAW, 100),
+}
+WORDS = {"None": None, "no": False}
+# A number in brackets, with its unit; or the word or number that stands before "(default)".
+PATTERN = re.compile(
+    r"\(default:? (?P<inside>[\w.-]+?)(?P<unit> s| blocks)?\)|(?P<before>\"\w+\"|None|\d+)(?:``)?(?: an error)? \(default\)"
+)
+
+
+def documentedDefault(setter):
+    text = inspect.getdoc(setter) or ""
+    if "(default" not in text:
+        return None
+    found = PATTERN.search(text)
+    assert found, text
+    word = (found["inside"] or found["before"]).strip('"')
+    value = WORDS.get(word, word)
+    if isinstance(value, str) and re.fullmatch(r"[\d.e-]+", value):
+        value = float(value) if "." in value else int(value)
+    # A chunk of so many blocks is given by its runs.
+    return value * 1024 if found["unit"] == " blocks" else value, text
+
+
+CASES = [
+    (name, setter)
+    for name, make in OBJECTS.items()
+    for setter in dir(make())
+    if re.match(r"set[A-Z]", setter)
+    and setter in {key for kind in type(make()).__mro__ if "satsep_ot" in kind.__module__ for key in vars(kind)}
+    and documentedDefault(getattr(make(), setter))
+]
+
+
+@pytest.mark.parametrize(("name", "setter"), CASES)
+def test_setting_the_documented_default_changes_nothing(name, setter):
+    changed, fresh = OBJECTS[name](), OBJECTS[name]()
+    value, text = documentedDefault(getattr(changed, setter))
+    getattr(changed, setter)(value)
+
+    def attributes(instance):
+        own = dict(vars(instance))
+        scheduler = own.get("_scheduler")
+        return own | (vars(scheduler) if scheduler else {})
+
+    before, after = attributes(fresh), attributes(changed)
+    plain = (int, float, str, bool, type(None))
+    assert [key for key in before if isinstance(before[key], plain) and before[key] != after[key]] == [], text
+
+
+def test_there_are_defaults_to_look_at():
+    assert len(CASES) >= 20
