@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import shlex
 import sys
 import threading
@@ -9,16 +10,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from satsep_ot import __version__
-from satsep_ot.interruption import INTERRUPTED, end, last_words, listen
+from satsep_ot.interruption import INTERRUPTED, supervise
 
 METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 _EXIT_CODES = (
     "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input,\n"
     "  3 a requirement is not met (study with --fail-unless-met), 130 interrupted"
 )
-
-
-_INTERRUPTED = "interrupted; what was finished is kept in {}: the same command with --resume continues from there"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -43,21 +41,13 @@ def main(arguments: list[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     options.typed = shlex.join(["satsep-ot", *(sys.argv[1:] if arguments is None else arguments)])
-    if arguments is not None:
-        return _perform(options)
-    # This process is ours.
-    listen()
-    code = _perform(options)
-    if code == INTERRUPTED:
-        end()
-    return code
-
-
-def _perform(options):
+    if arguments is None:
+        # This process is ours.
+        supervise(lambda: _kept(options))
     try:
         return options.command(options) or 0
     except KeyboardInterrupt:
-        return _fail("interrupted", INTERRUPTED)
+        return _fail(f"interrupted; {_kept(options)}", INTERRUPTED)
     except BrokenPipeError:
         # The reader of our output (head, less) has left: nothing remains to be said.
         sys.stderr.close()
@@ -77,6 +67,18 @@ def _perform(options):
         if isinstance(error, (SeparationError, ChunkError)):
             return _fail(error, 1)
         raise
+
+
+def _kept(options):
+    """What an interrupted command leaves, in words; only the disk is asked."""
+    if options.command is _new:
+        return f"{options.file} is {'there' if os.path.exists(options.file) else 'not written'}"
+    if options.command is _report:
+        return f"the results in {options.directory} are kept"
+    if options.command not in (_study, _benchmark) or not os.path.exists(options.output / "origin.json"):
+        return "nothing was written"
+    table = "; benchmark.md has a table of all but the latest" if options.command is _benchmark else ""
+    return f"what was finished is kept in {options.output}: the same command with --resume continues from there{table}"
 
 
 def _parser():
@@ -197,8 +199,8 @@ def _parser():
         "  satsep-ot benchmark --problems P1 RP8 --methods ActiveSubspace SubsetSampling --repetitions 20\n"
         "  satsep-ot benchmark --problems RP54 RP54-rotated RP54-rescaled P1-d20 --methods ActiveSubspace FORM\n"
         "  satsep-ot benchmark --problems reference --output results\n\n"
-        "Every repetition is kept in DIR/runs.jsonl and counts from then on; after an interruption, which shows what\n"
-        "there is so far, the same command with --resume continues, or adds problems, methods and repetitions.",
+        "Every repetition is kept in DIR/runs.jsonl and counts from then on; benchmark.md shows what there is so far.\n"
+        "After an interruption the same command with --resume continues, or adds problems, methods and repetitions.",
     )
     benchmark.add_argument(
         "--problems", nargs="+", default=["published", "reference"], metavar="PROBLEM",
@@ -488,23 +490,17 @@ def _study(options):
         return _fail(f"{case.name}: {error}", 2)
     study = SeparationStudy(problem, options.methods, options.seed, options.runs, toleranceSize=options.tolerances)
 
-    def keep():
-        study.saveRows()
-        return _fail(_INTERRUPTED.format(options.output), INTERRUPTED)
-
     with _executor(options) as executor:
         study.setExecutor(executor)
         # A directory that cannot be written to is refused before the work, not after it.
         study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
         try:
-            with last_words(keep), _progress() as show:
+            with _progress() as show:
                 study.setProgressCallback(show)
                 study.run()
                 show("figures and report", 0.95)
                 paths = study.save()
                 show("done", 1.0)
-        except KeyboardInterrupt:
-            return keep()
         finally:
             study.close()
     verdicts = study.getVerdicts()
@@ -574,7 +570,7 @@ def _report(options):
 
 def _benchmark(options):
     from satsep_ot.methods.reliability_benchmark import ReliabilityBenchmark
-    from satsep_ot.studies.method_benchmark import benchmark_tasks, open_benchmark_directory
+    from satsep_ot.studies.method_benchmark import benchmark_tasks, open_benchmark_directory, table_keeper
 
     try:
         tasks = benchmark_tasks(options.problems)
@@ -583,25 +579,20 @@ def _benchmark(options):
         return _fail(error, 2)
     directory = open_benchmark_directory(options.output, options.resume, options.overwrite, options.typed)
     benchmark.setFile(options.output / "runs.jsonl")
-
-    def finish(code=0):
-        _print_benchmark(benchmark.getResult(), options, drawn=not code)
-        directory.close()
-        return code and _fail(_INTERRUPTED.format(options.output), code)
-
     try:
-        with last_words(lambda: _fail(_INTERRUPTED.format(options.output), INTERRUPTED)), _progress() as show:
-            benchmark.setProgressCallback(show)
+        with _progress() as show:
+            keep_table = table_keeper(benchmark, options.output)
+            benchmark.setProgressCallback(lambda label, share: (show(label, share), keep_table()))
             benchmark.run()
-    except KeyboardInterrupt:
-        return finish(INTERRUPTED)
-    return finish()
+        _print_benchmark(benchmark.getResult(), options)
+    finally:
+        directory.close()
 
 
-def _print_benchmark(result, options, drawn):
+def _print_benchmark(result, options):
     from satsep_ot.studies.method_benchmark import save_benchmark
 
-    paths = save_benchmark(result, options.output, drawn)
+    paths = save_benchmark(result, options.output)
     if options.json:
         print(json.dumps(result.getTable(), indent=2, allow_nan=False))
     else:
@@ -641,9 +632,7 @@ def _progress():
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)
-        # A bar that is left hides the cursor.
-        with last_words(bar.stop):
-            yield lambda label, share: bar.update(task, description=label, completed=share)
+        yield lambda label, share: bar.update(task, description=label, completed=share)
 
 
 def _study_table(name, rows):

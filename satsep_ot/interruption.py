@@ -1,98 +1,104 @@
-"""Ctrl-C ends the program within a second, with its last words, wherever it is."""
+"""Ctrl-C ends a command within a second, whatever it does: the process that hears it only watches another at work."""
 
-import _thread
 import contextlib
+import ctypes
 import os
 import signal
-import sys
 import threading
 import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from pathlib import Path
 
-PATIENCE = 0.7  # s that an interrupt may go unheard
-INTERRUPTED = 130  # the exit code, as shells have it
+INTERRUPTED = 128 + signal.SIGINT  # the exit code, as shells have it
+PATIENCE = 0.3  # s that the killed processes may take to end, and then the last words to be said
 
-_last_words = []
-_ending = threading.Lock()
+# linux/prctl.h
+_SET_PARENT_DEATH_SIGNAL = 1
+_SET_CHILD_SUBREAPER = 36
+# A progress bar that is cut off leaves its line, and the cursor hidden.
+_CLEAR = "\r\x1b[2K\x1b[?25h"
 
 
-@contextlib.contextmanager
-def last_words(act: Callable[[], object]) -> Iterator[None]:
-    """Within this block, an interrupt that ends the process calls `act` before: it keeps and says what there is.
+def supervise(kept: Callable[[], str]) -> None:
+    """Do all that follows in a child of this process; to be called once, before there are threads.
+
+    Only the child returns. This process, whose number shells and job managers know, waits for the child's end and ends
+    likewise. On SIGINT and SIGTERM, unless they were ignored from the start on, it kills the child, ends what the child
+    has started (by SIGTERM), and says what is kept. It says so, too, if the child dies of a signal. If it is killed
+    itself, the kernel kills the child.
+
+    No handler in the child could be relied on: libraries hold the interpreter's lock for seconds, and OpenTURNS (1.27)
+    answers SIGINT itself while an algorithm runs, by a jump over Python's frames or a failure that would pass for the
+    algorithm's result. So the child and what it starts do not get SIGINT at all.
 
     Parameters
     ----------
-    act : callable
-        Without arguments. The innermost block comes first.
-
-    Examples
-    --------
-    >>> from satsep_ot.interruption import last_words
-    >>> with last_words(lambda: print("interrupted")):
-    ...     print("at work")
-    at work
+    kept : callable
+        Without arguments; what an interrupted command leaves, in words.
     """
-    _last_words.append(act)
+    watched = {number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN}
+    watched.add(signal.SIGCHLD)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
+    control = ctypes.CDLL(None).prctl
+    # What a killed child leaves becomes ours.
+    control(_SET_CHILD_SUBREAPER, 1)
+    parent = os.getpid()
+    child = os.fork()
+    if child:
+        _watch(child, watched, kept)
+    control(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(INTERRUPTED)
+    signal.pthread_sigmask(signal.SIG_SETMASK, before | {signal.SIGINT})
+
+
+def _watch(child, watched, kept):
+    """Wait for the end of the child, or bring it about, and end."""
+    while True:
+        number = signal.sigwait(watched)
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended and os.WIFEXITED(status):
+            os._exit(os.WEXITSTATUS(status))
+        if ended:
+            number = os.WTERMSIG(status)
+        elif number == signal.SIGCHLD:
+            # The child was stopped, or something that it had left has ended.
+            continue
+        else:
+            os.kill(child, signal.SIGKILL)
+        _end_all()
+        # A terminal that is held, or a full pipe, would hold us as well.
+        speaker = threading.Thread(target=_say, args=(number, kept), daemon=True)
+        speaker.start()
+        speaker.join(PATIENCE)
+        os._exit(128 + number)
+
+
+def _end_all():
+    """Wait for the end of all children, and end those that come to us when their parent ends."""
+    limit = time.monotonic() + PATIENCE
+    while time.monotonic() < limit:
+        try:
+            while os.waitpid(-1, os.WNOHANG)[0]:
+                pass
+        except ChildProcessError:
+            return
+        # Not SIGKILL: the one that removes the semaphores of a pool ignores this, and ends when it has done so.
+        for orphan in _children():
+            os.kill(orphan, signal.SIGTERM)
+        time.sleep(0.002)
+
+
+def _children():
     try:
-        yield
-    except KeyboardInterrupt:
-        # Whoever catches it keeps and says what there is: nobody else is to.
-        _ending.acquire(blocking=False)
-        raise
-    finally:
-        _last_words.remove(act)
+        return [int(number) for number in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
+    except OSError:
+        return []
 
 
-def listen() -> None:
-    """Let an interrupt end this process within a second; to be called once, in the main thread.
-
-    Where only Python runs it raises KeyboardInterrupt, as ever. But OpenTURNS (1.27) answers the signal itself while an
-    algorithm runs, by a jump over Python's frames that may corrupt them, and takes an exception of a callback for a
-    failed run. So the signal is kept from the main thread and awaited by a second one. Where Python then runs below
-    OpenTURNS, the process says its last words and ends on the spot; where no Python runs, the second thread ends it.
-    What holds the interpreter meanwhile is waited for: Tvedt's formula for 100 inputs, some seconds.
-    """
-    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    signal.signal(signal.SIGINT, _hear)
-    threading.Thread(target=_await, daemon=True).start()
-
-
-def end(code: int = INTERRUPTED) -> None:
-    """End the process at once: libraries that were interrupted half-way may crash when they are taken down in order."""
-    for stream in (sys.stdout, sys.stderr):
-        with contextlib.suppress(OSError, ValueError):
-            stream.flush()
-    os._exit(code)
-
-
-def _await():
-    signal.sigwait({signal.SIGINT})
-    _thread.interrupt_main()
-    time.sleep(PATIENCE)
-    _say_and_end()
-
-
-def _hear(_, frame):
-    while (frame := frame.f_back) is not None:
-        if f"{os.sep}openturns{os.sep}" in frame.f_code.co_filename:
-            _say_and_end()
-    raise KeyboardInterrupt
-
-
-def _say_interrupted():
-    print("satsep-ot: interrupted", file=sys.stderr)
-
-
-def _say_and_end():
-    if not _ending.acquire(blocking=False):
-        # Another thread is at it, and may take a little longer.
-        time.sleep(5.0 * PATIENCE)
-        end()
-    try:
-        for act in reversed(_last_words or [_say_interrupted]):
-            act()
-    except Exception:
-        traceback.print_exc()
-    finally:
-        end()
+def _say(number, kept):
+    how = "interrupted" if number == signal.SIGINT else f"ended by signal {number} ({signal.strsignal(number)})"
+    clear = _CLEAR if os.isatty(2) and os.environ.get("TERM", "dumb") != "dumb" else ""
+    with contextlib.suppress(OSError):
+        os.write(2, os.fsencode(f"{clear}satsep-ot: {how}; {kept()}\n"))

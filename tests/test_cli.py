@@ -351,7 +351,22 @@ def test_interruption_has_its_exit_code(monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "_simulate", interrupt)
-    assert refused(["simulate"], capsys, 130) == "satsep-ot: interrupted\n"
+    assert refused(["simulate"], capsys, 130) == "satsep-ot: interrupted; nothing was written\n"
+
+
+def test_what_an_interrupted_command_leaves_is_what_the_disk_says(tmp_path):
+    def kept(*arguments):
+        return cli._kept(cli._parser().parse_args(list(map(str, arguments))))
+
+    assert kept("check", "reference") == "nothing was written"
+    assert kept("study", "--output", tmp_path) == "nothing was written"
+    (tmp_path / "origin.json").touch()
+    resumed = f"what was finished is kept in {tmp_path}: the same command with --resume continues from there"
+    assert kept("study", "--output", tmp_path) == resumed
+    assert kept("benchmark", "--output", tmp_path).startswith(resumed)
+    assert kept("report", tmp_path) == f"the results in {tmp_path} are kept"
+    assert kept("new", tmp_path / "mine.toml") == f"{tmp_path / 'mine.toml'} is not written"
+    assert kept("new", tmp_path / "origin.json") == f"{tmp_path / 'origin.json'} is there"
 
 
 def test_help_loads_none_of_the_heavy_libraries():

@@ -2,12 +2,15 @@
 
 import json
 import math
+import types
 
 import matplotlib.image
 import pytest
 
 from satsep_ot.cli import main
+from satsep_ot.methods.reliability_benchmark import ReliabilityBenchmark
 from satsep_ot.methods.reliability_methods import FORM
+from satsep_ot.studies import method_benchmark
 from satsep_ot.studies.method_benchmark import (
     REFERENCE_IMPORTANCE,
     REFERENCE_RUNS,
@@ -16,6 +19,7 @@ from satsep_ot.studies.method_benchmark import (
     benchmark_tasks,
     reference_probability,
     save_benchmark,
+    table_keeper,
 )
 
 
@@ -93,7 +97,7 @@ def test_the_command_prints_a_table_writes_files_and_continues(tmp_path, capsys)
     assert table == json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))
 
 
-def test_an_interruption_shows_what_there_is_and_the_command_continues(tmp_path, capsys, monkeypatch):
+def test_an_interruption_says_what_there_is_and_the_command_continues(tmp_path, capsys, monkeypatch):
     run = FORM.run
 
     def interrupted(method, problem):
@@ -106,16 +110,39 @@ def test_an_interruption_shows_what_there_is_and_the_command_continues(tmp_path,
     with monkeypatch.context() as patch:
         patch.setattr(FORM, "run", interrupted)
         assert main(arguments) == 130
-    captured = capsys.readouterr()
-    assert captured.out.splitlines()[1].split()[:2] == ["RP107", "FORM"]
-    assert f"interrupted; what was finished is kept in {tmp_path}: the same command with --resume" in captured.err
-    assert len(json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))) == 1
+    said = capsys.readouterr().err
+    assert f"interrupted; what was finished is kept in {tmp_path}: the same command with --resume" in said
+    assert "benchmark.md has a table of all but the latest" in said
+    assert len((tmp_path / "runs.jsonl").read_text(encoding="utf-8").splitlines()) == 1
     assert main([*arguments, "--resume", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)[0]["repetitions"] == 3
     # Begun anew, with another method.
     assert main([*arguments[:4], "SORM", *arguments[5:], "--overwrite", "--json"]) == 0
     assert [row["method"] for row in json.loads(capsys.readouterr().out)] == ["SORM"]
     assert len((tmp_path / "runs.jsonl").read_text(encoding="utf-8").splitlines()) == 3
+
+
+def test_the_table_of_a_benchmark_that_runs_is_kept_in_a_twentieth_of_the_time(tmp_path, monkeypatch):
+    now, saved = [0.0], []
+
+    def save(result, directory, drawn):
+        assert not drawn
+        saved.append((now[0], [row.repetitions for row in result.getRows()]))
+        save_benchmark(result, directory, drawn)
+        now[0] += 0.12
+
+    def follow(label, share):
+        keep()
+        now[0] += 1.0
+
+    monkeypatch.setattr(method_benchmark, "time", types.SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(method_benchmark, "save_benchmark", save)
+    benchmark = ReliabilityBenchmark(benchmark_tasks(["RP107"]), ["FORM"], 4)
+    keep = table_keeper(benchmark, tmp_path)
+    benchmark.setProgressCallback(follow)
+    benchmark.run()
+    assert saved == [(0.0, []), (pytest.approx(3.12), [3])]
+    assert json.loads((tmp_path / "benchmark.json").read_text(encoding="utf-8"))[0]["repetitions"] == 3
 
 
 def test_files_are_written_whole_or_not_at_all(tmp_path):

@@ -209,7 +209,8 @@ class ReliabilityBenchmark:
         self._seed = seed
         self._path = None
         self._progressCallback = None
-        self._result = None
+        # Rows of the repetitions, by problem and method, then by seed.
+        self._known: dict[tuple[str, str], dict[int, Row]] | None = None
 
     def __repr__(self) -> str:
         return (
@@ -231,7 +232,7 @@ class ReliabilityBenchmark:
 
     def run(self) -> None:
         """Make the repetitions that are not in the file."""
-        known: dict[tuple[str, str], dict[int, Row]] = {}
+        self._known = known = {}
         total, done = len(self._tasks) * len(self._methods) * self._repetitions, 0
         state = ot.RandomGenerator.GetState()
         try:
@@ -248,14 +249,13 @@ class ReliabilityBenchmark:
                         done += 1
         finally:
             ot.RandomGenerator.SetState(state)
-            self._result = ReliabilityBenchmarkResult(self._summaries(known))
         self._report("done", 1.0)
 
     def getResult(self) -> "ReliabilityBenchmarkResult":
-        """Accessor to the result; of the repetitions so far, when run() was interrupted."""
-        if self._result is None:
+        """The result; of the repetitions so far, while run() works or when it was interrupted."""
+        if self._known is None:
             raise RuntimeError("there is no result yet; call run() first")
-        return self._result
+        return ReliabilityBenchmarkResult(self._summaries(self._known))
 
     def _report(self, label, share):
         if self._progressCallback is not None:

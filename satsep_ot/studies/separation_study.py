@@ -256,6 +256,9 @@ class SeparationStudy:
 
     def _runSample(self, path):
         """Make the runs, with the outputs in a file, and say what they gave."""
+        if self._directory is not None:
+            # From here on results.json says that the study is not complete.
+            self.saveRows()
         self._progress("compiling the simulator, once", 0.0)
         model = SeparationFunction(self._problem.getCase())
         distribution = self._problem.getDistribution()
@@ -366,8 +369,11 @@ class SeparationStudy:
                 done = (index + place / len(self._methods)) / len(self._names)
                 self._progress(f"{requirement}: {name}", 0.3 + 0.35 * done)
                 names = [requirement, name]
+                new = self._directory is not None and self._directory.finished(*names) is None
                 row = self._step(names, lambda names=names: dataclasses.asdict(self._runMethod(*names)))
                 self._rows.append({"requirement": requirement, **row})
+                if new:
+                    self.saveRows()
                 path = None if self._directory is None else self._directory.file("steps", names, ".npz")
                 if path is not None and path.exists() and row["probability"] is not None:
                     # The same after an interruption; and without the surrogates, which take memory.
