@@ -15,6 +15,7 @@ from satsep_ot.methods.subspace_estimation import (
     bootstrap_distances,
     bootstrap_subspace,
     estimate_subspace,
+    reflected_bands,
     subspace_distance,
 )
 
@@ -308,6 +309,12 @@ def test_weight_function_of_the_outputs():
     assert result.getEigenvalues()[0] < 2.0  # 7.4 without weights: near 0 the exponential is flat
 
 
+def test_scores_and_maps_name_the_inputs_as_the_function_does():
+    result = result_of(ot.SymbolicFunction(["mass", "rate"], ["exp(0.5 * mass + 0.1 * rate)"]), ot.Normal(2))
+    assert result.drawActivityScores().getTitle() == "Activity scores, largest: mass, rate"
+    assert list(result.getTransformation().getInputDescription()) == ["mass", "rate"]
+
+
 def test_functions_are_native_and_survive_pickle():
     law = ot.JointDistribution([ot.Uniform(0.0, 2.0), ot.Gumbel(1.0, 2.0), ot.Normal()], ot.NormalCopula(3))
     result = result_of(ot.SymbolicFunction(["a", "b", "c"], ["a + b^2 + c"]), law, setDimension=2)
@@ -489,3 +496,151 @@ def test_the_point_whose_output_is_not_finite_is_named():
     ot.RandomGenerator.SetSeed(0)
     with pytest.raises(ValueError, match=r"returned \[[\d.e-]+, nan\] at the physical point \[[\d.e-]+\]"):
         algorithm.run()
+
+
+@pytest.mark.parametrize(("inputs", "size"), [(1, 42), (2, 42), (10, 139), (35, 214)])
+def test_ten_times_six_eigenvalues_times_the_logarithm_of_the_inputs_are_sampled(inputs, size):
+    law = ot.Normal(inputs)
+    algorithm = ActiveSubspaceAlgorithm(ot.SymbolicFunction(law.getDescription(), ["X0"]), law)
+    assert algorithm.getSamplingSize() == size
+
+
+def test_gradients_are_added_by_halves_up_to_the_largest_number():
+    sizes = []
+
+    def weigh(values):
+        sizes.append(len(values))
+        return np.ones(len(values))
+
+    function = ot.SymbolicFunction(["a", "b", "c"], ["exp(0.5 * a) + 0.3 * sin(b) * c"])
+    algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(3))
+    algorithm.setDimension(1)
+    algorithm.setBootstrapSize(20)
+    algorithm.setSamplingSize(30)
+    algorithm.setWeightFunction(weigh)
+    algorithm.setTargetSubspaceError(1e-6)
+    algorithm.run()
+    # 60 log 3 = 66 points by default, and ten times as many at most.
+    assert sizes == [30, 45, 68, 102, 153, 230, 345, 518, 660]
+    assert algorithm.getEvaluationCallsNumber() == 660
+    assert "after 660 gradients, above the target 1e-06" in algorithm.getResult().getRemarks()[-1]
+
+
+def test_a_target_that_no_dimension_can_reach_is_said_to_be_missed():
+    names = ["a", "b", "c", "e"]
+    function = ot.SymbolicFunction(names, ["a^2 + b^2 + c^2 + e^2"])
+    algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(4))
+    algorithm.setTargetSubspaceError(0.5, maximumSamplingSize=200)
+    algorithm.setSamplingSize(200)
+    algorithm.run()
+    assert "upper band is 1 after 200 gradients" in algorithm.getResult().getRemarks()[-1]
+
+
+def noisyFunction(level, slope=1.0):
+    random = np.random.default_rng(8)
+    return ot.PythonFunction(
+        3,
+        1,
+        func_sample=lambda x: (
+            slope * np.sin(np.asarray(x) @ [0.3, 0.4, 0.0])[:, None] + level * random.standard_normal((len(x), 1))
+        ),
+    )
+
+
+@pytest.mark.parametrize(("method", "level"), [("CentralDifference", 1e-5), ("ForwardDifference", 1e-5)])
+def test_the_step_balances_noise_and_truncation(method, level):
+    result = result_of(noisyFunction(level), ot.Normal(3), setGradientMethod=method)
+    relative = result.getNoise()[0] / np.std(np.array(result.getOutputSample()))
+    # For unit third or second derivatives: (3 eta)^(1/3), 1.68 eta^(1/2) (More and Wild, 2012).
+    expected = (3.0 * relative) ** (1.0 / 3.0) if method == "CentralDifference" else 1.68 * math.sqrt(relative)
+    assert result.getFiniteDifferenceStep() == pytest.approx(expected, rel=1e-6)
+    assert result.getGradientSample() == pytest.approx(
+        np.cos(np.array(result.getStandardSample()) @ [0.3, 0.4, 0.0])[:, None, None]
+        * np.array([0.3, 0.4, 0.0])[:, None],
+        abs=0.05,
+    )
+
+
+def test_a_step_is_never_longer_than_half_a_standard_deviation():
+    assert result_of(noisyFunction(1.0), ot.Normal(3)).getFiniteDifferenceStep() == 0.5
+    exact = result_of(ot.SymbolicFunction(["a", "b"], ["sin(a)"]), ot.Normal(2), setGradientMethod="CentralDifference")
+    # Without noise the rounding counts.
+    assert (3.0 * np.finfo(float).eps) ** (1.0 / 3.0) <= exact.getFiniteDifferenceStep() < 1e-4
+
+
+@pytest.mark.parametrize("method", ["CentralDifference", "ForwardDifference"])
+@pytest.mark.parametrize(("slope", "constant"), [(0.0, True), (0.05, True), (3.0, False)])
+def test_gradients_that_noise_alone_could_give_are_none(method, slope, constant):
+    """Steps of 0.1 turn noise of 0.02 into gradients of 0.14 or 0.28, whose matrix has eigenvalues of their square."""
+    result = result_of(noisyFunction(0.02, slope), ot.Normal(3), setGradientMethod=method, setFiniteDifferenceStep=0.1)
+    # A step that is given takes no estimate of the noise: all of it is then taken for slope.
+    assert result.getNoise() is None
+    assert not result.isConstant()
+    result = result_of(noisyFunction(0.02, slope), ot.Normal(3), setGradientMethod=method)
+    assert result.isConstant() == constant
+    assert result.getDimension() == int(not constant)
+
+
+def test_dimensions_are_considered_up_to_half_of_the_points_and_ten():
+    points = np.random.default_rng(0).standard_normal((100, 20))
+    for count, inputs, largest in ((100, 20, 10), (11, 20, 5), (100, 4, 4), (1, 4, 1)):
+        algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+            ot.Normal(inputs), points[:count, :inputs], points[:count, :1], points[:count, :inputs]
+        )
+        algorithm.setBootstrapSize(10)
+        algorithm.run()
+        assert len(algorithm.getResult().getSubspaceError()) == largest
+
+
+def test_cross_validation_is_asked_where_three_points_for_each_coefficient_are_there():
+    names = [f"x{i}" for i in range(4)]
+    function = ot.SymbolicFunction(names, ["x0 + 0.15 * (x1^2 + x2^2 + x3^2) / sqrt(2)"])
+    for size, asked in ((18, True), (17, False)):
+        choices = result_of(function, ot.Normal(4), setSamplingSize=size).getDimensionChoices()
+        # The energy says 4, for whose linear part and a residual 18 points are needed.
+        assert (choices["gap"], choices["energy"]) == (1, 4)
+        assert ("crossValidation" in choices) == asked
+
+
+def test_scores_of_all_dimensions_are_the_derivative_based_indices():
+    function = ot.SymbolicFunction(["a", "b", "c"], ["exp(0.3 * a) + 0.5 * b^2 + 0.1 * c * a"])
+    result = result_of(function, ot.Normal(3), setDimension=1)
+    np.testing.assert_allclose(result.getActivityScores(3), result.getDerivativeBasedIndices(), rtol=1e-12)
+    assert result.getActivityScoresInterval(0.9, 3) == result.getDerivativeBasedIndicesInterval(0.9)
+    assert list(result.getActivityScores()) == list(result.getActivityScores(1))
+    assert list(result.getActivityScores(0)) == [0.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="dimensions 0 to 3, got 4"):
+        result.getActivityScores(4)
+    with pytest.raises(ValueError, match="dimensions 0 to 3, got -1"):
+        result.getActivityScores(-1)
+
+
+def test_bars_stand_at_their_rank_and_names_above_the_whiskers():
+    law = ot.Normal(2)
+    law.setDescription(["a", "b"])
+    result = result_of(ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a) + 2 * b"]), law, setDimension=1)
+    graph = result.drawActivityScores(0.9)
+    bars = [np.array(d.getData()) for d in graph.getDrawables() if d.getImplementation().getClassName() == "Polygon"]
+    for rank, bar in enumerate(bars, 1):
+        assert bar[:, 0].min() == pytest.approx(rank - 0.4)
+        assert bar[:, 0].max() == pytest.approx(rank + 0.4)
+        assert bar[:, 1].min() == 0.0
+    whiskers = [np.array(d.getData()) for d in graph.getDrawables() if d.getImplementation().getClassName() == "Curve"]
+    interval = result.getActivityScoresInterval(0.9)
+    for whisker, index in zip(whiskers, (1, 0), strict=True):
+        assert whisker[:, 1] == pytest.approx([interval.getLowerBound()[index], interval.getUpperBound()[index]])
+    highest = max(whisker[:, 1].max() for whisker in whiskers)
+    for text, whisker, bar in zip(np.array(graph.getDrawables()[-1].getData()), whiskers, bars, strict=True):
+        assert text[0] == pytest.approx(whisker[0, 0])
+        top = max(whisker[:, 1].max(), bar[:, 1].max())
+        assert top < text[1] < top + 0.05 * highest
+
+
+def test_bands_are_reflected_unless_too_few_replicates_resolve_the_value():
+    estimate = np.array([1.0, 1.0])
+    # The lower quantile of the second one is below a hundredth of the estimate.
+    replicates = np.column_stack([np.linspace(0.02, 2.0, 1001), np.linspace(0.005, 2.0, 1001)])
+    lower, upper = reflected_bands(estimate, replicates, 0.999)
+    plain = np.quantile(replicates, [0.0005, 0.9995], axis=0)
+    assert [lower[0], upper[0]] == pytest.approx([1.0 / plain[1, 0], 1.0 / plain[0, 0]])
+    assert [lower[1], upper[1]] == pytest.approx(plain[:, 1].tolist())

@@ -32,7 +32,8 @@ OBJECTS = {
 WORDS = {"None": None, "no": False}
 # A number in brackets, with its unit; or the word or number that stands before "(default)".
 PATTERN = re.compile(
-    r"\(default:? (?P<inside>[\w.-]+?)(?P<unit> s| blocks)?\)|(?P<before>\"\w+\"|None|\d+)(?:``)?(?: an error)? \(default\)"
+    r"\(default:? (?P<inside>[\w.-]+?)(?P<unit> s| blocks)?\)"
+    r"|(?P<before>\"\w+\"|None|\d+)(?:``)?(?: an error)? \(default\)"
 )
 
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
 from satsep_ot.methods.function_noise import estimate_noise
-from satsep_ot.methods.standard_space import StandardSpace
+from satsep_ot.methods.standard_space import StandardSpace, nameInputs
 
 # Points handed to the model at once when differences are taken.
 DIFFERENCE_BLOCK = 20000
@@ -54,17 +54,16 @@ class ActiveSubspaceAlgorithm:
     """
 
     def __init__(self, function: ot.Function, distribution: ot.Distribution) -> None:
-        self._space = StandardSpace(distribution)
         batched = getattr(function, "computeGradientSample", None)
         self._function = None if function is None else ot.Function(function)
+        self._space = StandardSpace(distribution if function is None else nameInputs(distribution, self._function))
         d = self._space.getDimension()
         if self._function is not None and self._function.getInputDimension() != d:
             raise ValueError(
                 f"The function has {self._function.getInputDimension()} inputs but the distribution has dimension {d}."
             )
         self._gradientSampleFunction = batched
-        # alpha k log d with alpha = 10 and k = 6 eigenvalues (Constantine 2015, section 3.1).
-        self._samplingSize = max(20, math.ceil(60.0 * math.log(max(d, 2))))
+        self._samplingSize = math.ceil(60.0 * math.log(max(d, 2)))
         self._gradientMethod = "Automatic"
         self._bootstrapSize = 1000
         self._dimension = None
@@ -133,7 +132,10 @@ class ActiveSubspaceAlgorithm:
         return self._space.getDistribution()
 
     def setSamplingSize(self, samplingSize: int) -> None:
-        """Number M of points at which gradients are taken, at least 1; fewer than inputs is allowed."""
+        """Number M of points at which gradients are taken, at least 1; fewer than inputs is allowed.
+
+        By default alpha k log d with alpha = 10, k = 6 eigenvalues and d at least 2 (Constantine 2015, section 3.1).
+        """
         self._samplingSize = _integer("sampling size", samplingSize, 1)
 
     def getSamplingSize(self) -> int:
@@ -199,7 +201,8 @@ class ActiveSubspaceAlgorithm:
         target : float or None
             In (0, 1); None (default) takes the sampling size as it is.
         maximumSamplingSize : int, optional
-            Where to stop anyhow; the result's :meth:`~ActiveSubspaceResult.getRemarks` then says so.
+            Where to stop anyhow, by default ten times the default sampling size; the result's
+            :meth:`~ActiveSubspaceResult.getRemarks` then says so.
         """
         if target is not None and not 0.0 < target < 1.0:
             raise ValueError(f"The target of the subspace error must be in (0, 1), got {target}.")
