@@ -1,10 +1,12 @@
 """The polynomial basis and its least squares against brute force, numpy and closed forms."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
 from numpy.polynomial import hermite_e, legendre
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from satsep_ot.methods import polynomial_basis
 from satsep_ot.methods.polynomial_basis import (
@@ -264,3 +266,50 @@ def test_data_that_are_not_finite_are_named_on_every_way(random, bad):
         points[row, column] = bad
         with np.errstate(invalid="ignore"), pytest.raises(ValueError, match="first is row 7"):
             fit_polynomial(basis, points, values)
+
+
+@pytest.mark.parametrize(
+    ("dimension", "size", "threads"),
+    [
+        # Few products, for which the libraries start no threads; then one thread; then as many as they like.
+        (7, 2047, 2),
+        (7, 2048, 1),
+        (1, 100_000, 1),
+        (298, 1000, 1),
+        (299, 1000, 2),
+    ],
+)
+def test_only_large_fits_use_several_threads(dimension, size, threads, monkeypatch):
+    """A degree of 1 has a term more than variables; the work is that of the normal equations."""
+    seen = []
+
+    def number(*arguments):
+        seen.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
+
+    monkeypatch.setattr(polynomial_basis, "_least_squares", number)
+    with threadpool_limits(2, user_api="blas"):
+        fit_polynomial(PolynomialBasis(dimension, 1), np.zeros((size, dimension)), np.zeros(size))
+    assert set(seen) == {threads}
+
+
+def test_the_memory_of_a_fit_does_not_grow_with_the_points(random):
+    basis = PolynomialBasis(3, 4)
+    points = random.standard_normal((200_000, 3))
+    values = points.sum(axis=1)
+    fit = fit_polynomial(basis, points[:1000], values[:1000])
+
+    def peak(task):
+        tracemalloc.start()
+        task()
+        largest = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return largest
+
+    # The design would take 56 MB, the answers take 1.6 MB.
+    for task in (
+        lambda: fit_polynomial(basis, points, values),
+        lambda: polynomial_basis._factorise(basis, points, values[:, None], None),
+        lambda: fit.relative_variance(points),
+        lambda: fit.predict(points),
+    ):
+        assert peak(task) < 12e6
