@@ -64,7 +64,9 @@ def main(arguments: list[str] | None = None) -> int:
 
         if isinstance(error, (CaseError, DirectoryError)):
             return _fail(error, 2)
-        if isinstance(error, (SeparationError, ChunkError)):
+        if isinstance(error, ChunkError):
+            return _fail(f"{error}; {_kept(options)}", 1)
+        if isinstance(error, SeparationError):
             return _fail(error, 1)
         raise
 

@@ -8,7 +8,11 @@ import psutil
 def descendants(process, text=""):
     """The numbers of the processes below a process whose command holds a text."""
     found = set()
-    for child in psutil.Process(process).children(recursive=True):
+    try:
+        children = psutil.Process(process).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return found
+    for child in children:
         try:
             if text in " ".join(child.cmdline()) and child.status() != psutil.STATUS_ZOMBIE:
                 found.add(child.pid)

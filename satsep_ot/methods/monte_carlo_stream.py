@@ -24,7 +24,7 @@ from satsep_ot.methods.reliability_result import clopperPearson
 # Blocks that a worker makes at once.
 _CHUNK_BLOCKS = 16
 # Between two checkpoints [s].
-_CHECKPOINT_INTERVAL = 5.0
+_CHECKPOINT_INTERVAL = 2.0
 # Seeds of the blocks of one stream differ: OpenTURNS takes them modulo this.
 _SEEDS = 2**32
 # OpenTURNS has one random generator for all threads of a process.
