@@ -55,7 +55,7 @@ def differences(probability, marginals):
                 parameter[place] += sign * step
                 changed[index].setParameter(parameter)
                 values.append(probability(changed))
-            truth[f"X{index}", name.removesuffix("_0")] = (values[0] - values[1]) / (2.0 * step)
+            truth[f"x{index}", name.removesuffix("_0")] = (values[0] - values[1]) / (2.0 * step)
     return truth
 
 
@@ -73,8 +73,8 @@ def test_derivatives_of_a_linear_normal_problem():
     )
     truth = {}
     for i in range(3):
-        truth[f"X{i}", "mu"] = phi(index) * slope[i] / total
-        truth[f"X{i}", "sigma"] = phi(index) * index * slope[i] ** 2 * deviation[i] / total**2
+        truth[f"x{i}", "mu"] = phi(index) * slope[i] / total
+        truth[f"x{i}", "sigma"] = phi(index) * index * slope[i] ** 2 * deviation[i] / total**2
     rows = result.computeParameterSensitivity(0.999)
     assert [(row.input, row.parameter) for row in rows] == list(truth)
     checkDerivatives(rows, truth)

@@ -272,7 +272,7 @@ def test_values_that_are_not_finite_raise_or_are_counted():
 
     broken = event(evaluate)
     algorithm = ActiveSubspaceReliability(broken)
-    with pytest.raises(ValueError, match=r"row \d+: input X0 = "):
+    with pytest.raises(ValueError, match=r"row \d+: input x0 = "):
         algorithm.run()
     share, tail = ot.DistFunc.pNormal(-1.5), ot.DistFunc.pNormal(-3.0)
     algorithm.setNonFinitePolicy("safe")

@@ -5,7 +5,7 @@ import openturns as ot
 import pytest
 from scipy import special
 
-from satsep_ot.methods.standard_space import StandardSpace
+from satsep_ot.methods.standard_space import StandardSpace, nameInputs
 
 CORRELATION = ot.CorrelationMatrix([[1.0, 0.5], [0.5, 1.0]])
 MARGINALS = [ot.Gumbel(1.0, 2.0), ot.LogNormal(0.0, 0.3)]
@@ -114,3 +114,18 @@ def test_univariate_student_among_independent_marginals_is_fine():
     space = StandardSpace(ot.JointDistribution([ot.Student(3.0), ot.Normal()]))
     assert space.getDimension() == 2
     assert space.generateSample(5).shape == (5, 2)
+
+
+def test_names_of_the_function_are_taken_only_where_the_distribution_has_none():
+    function = ot.SymbolicFunction(["mass", "rate"], ["mass * rate"])
+    law = ot.Normal(2)
+    assert list(nameInputs(law, function).getDescription()) == ["mass", "rate"]
+    assert list(law.getDescription()) == ["X0", "X1"]
+    named = ot.JointDistribution([ot.Normal(), ot.Normal()])
+    named.setDescription(["a", "b"])
+    assert list(nameInputs(named, function).getDescription()) == ["a", "b"]
+    # Two inputs of one name, and a function of other inputs.
+    twice = ot.Function(function)
+    twice.setInputDescription(["mass", "mass"])
+    assert list(nameInputs(law, twice).getDescription()) == ["X0", "X1"]
+    assert list(nameInputs(ot.Normal(3), function).getDescription()) == ["X0", "X1", "X2"]

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.limit_state_event import Limit, callFunction, eventKind
+from satsep_ot.methods.limit_state_event import Limit, callFunction, checkedKind, eventKind
 from satsep_ot.methods.reliability_methods import (
     METHODS,
     CountedProblem,
@@ -46,6 +46,11 @@ class ReliabilityComparison:
     methods : sequence of str or ReliabilityMethod, optional
         Names of `METHODS` for default settings. By default ActiveSubspace, FORM, SORM, SubsetSampling, MonteCarlo.
 
+    Raises
+    ------
+    TypeError
+        The event is none of these.
+
     Examples
     --------
     >>> import openturns as ot
@@ -64,6 +69,7 @@ class ReliabilityComparison:
         event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent,
         methods: Sequence[str | ReliabilityMethod] | None = None,
     ) -> None:
+        checkedKind(event)
         self._event = event
         self._methods = [makeMethod(method) for method in (DEFAULT_METHODS if methods is None else methods)]
         self._components = None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.standard_space import StandardSpace
+from satsep_ot.methods.standard_space import StandardSpace, nameInputs
 
 NON_FINITE_POLICIES = ("raise", "failure", "safe")
 
@@ -52,7 +52,7 @@ class Limit:
     @staticmethod
     def of(event: Any) -> "Limit":
         """The limit state of an event, refusing what has none with the reason."""
-        kind = eventKind(event)
+        kind = checkedKind(event)
         if kind in ("UnionEvent", "IntersectionEvent"):
             combine = np.min if kind == "UnionEvent" else np.max
             parts = [Limit.of(member) for member in event.getEventCollection()]
@@ -63,10 +63,6 @@ class Limit:
                 return combine([part.margin(piece) for part, piece in zip(parts, pieces, strict=True)], axis=0)
 
             return Limit(parts[0].vector, ot.AggregatedFunction([part.function for part in parts]), margin)
-        if kind not in ("ThresholdEvent", "DomainEvent"):
-            raise TypeError(
-                f"a {kind} cannot be treated; give a ThresholdEvent, UnionEvent, IntersectionEvent or DomainEvent"
-            )
         vector = event.getAntecedent()
         if kind == "ThresholdEvent":
             compare = thresholdMargin(event.getOperator(), event.getThreshold())
@@ -89,6 +85,33 @@ def eventKind(event: Any) -> str:
     if name != "RandomVector":
         return name
     return repr(event).split("implementation=class=")[1].split()[0].removesuffix("Implementation")
+
+
+def checkedKind(event: Any) -> str:
+    """Class name of an event that can be treated.
+
+    Raises
+    ------
+    TypeError
+        It is none: a function, for instance.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.limit_state_event import checkedKind
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("a", "a"), ot.RandomVector(ot.Normal()))
+    >>> checkedKind(ot.ThresholdEvent(vector, ot.Greater(), 2.0))
+    'ThresholdEvent'
+    """
+    # Python's own objects, and some of OpenTURNS', have no such name.
+    kind = eventKind(event) if hasattr(event, "getClassName") else type(event).__name__
+    if kind not in ("ThresholdEvent", "DomainEvent", "UnionEvent", "IntersectionEvent"):
+        raise TypeError(
+            f"the event is a {kind}; give a ThresholdEvent, UnionEvent, IntersectionEvent or DomainEvent, of a "
+            "function f for instance ot.ThresholdEvent(ot.CompositeRandomVector(f, ot.RandomVector(distribution)), "
+            "ot.Greater(), threshold)"
+        )
+    return kind
 
 
 def thresholdMargin(operator: ot.ComparisonOperator, threshold: float) -> Callable:
@@ -182,7 +205,7 @@ class LimitStateEvent:
         self.nonFiniteNumber = 0
         kind = eventKind(event)
         limit = Limit.of(event)
-        self.space = StandardSpace(limit.vector.getDistribution())
+        self.space = StandardSpace(nameInputs(limit.vector.getDistribution(), limit.function))
         self.distribution = self.space.getDistribution()
         self.dimension = self.space.getDimension()
         if function is None:

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 
 from satsep_ot.methods.failure_sample import FailureSample
 from satsep_ot.methods.importance_proposal import ModeMixture, Pool, fitImportantRegion
-from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs
+from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs, checkedKind
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
 from satsep_ot.methods.reliability_result import (
     ActiveSubspaceReliabilityResult,
@@ -92,7 +92,13 @@ class ActiveSubspaceReliability:
     Parameters
     ----------
     event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
-        Inputs are continuous with an iso-probabilistic transformation to independent standard normal variables.
+        Inputs are continuous with an iso-probabilistic transformation to independent standard normal variables. Where
+        their distribution has no names but OpenTURNS' X0, X1, ..., results take those of the function's inputs.
+
+    Raises
+    ------
+    TypeError
+        The event is none of these.
 
     Notes
     -----
@@ -116,6 +122,7 @@ class ActiveSubspaceReliability:
     """
 
     def __init__(self, event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent) -> None:
+        checkedKind(event)
         self._event = event
         self._components = (None, None, None, None)
         self._targetCoefficientOfVariation = 0.05

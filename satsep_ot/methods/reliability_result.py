@@ -417,8 +417,10 @@ class ActiveSubspaceReliabilityResult:
         return self._reason
 
     def getInputSample(self) -> ot.Sample:
-        """Inputs of all true runs."""
-        return ot.Sample(self._runs.x)
+        """Inputs of all true runs, under their names."""
+        sample = ot.Sample(self._runs.x)
+        sample.setDescription(self._distribution.getDescription())
+        return sample
 
     def getOutputSample(self) -> ot.Sample:
         """Outputs of all true runs."""

@@ -10,6 +10,24 @@ CHECK_LEVELS = (0.5, 0.84, 0.05)
 CHECK_TOLERANCE = 1e-3
 
 
+def nameInputs(distribution: ot.Distribution, function: ot.Function) -> ot.Distribution:
+    """The distribution, under the names of the function's inputs where it has none of its own but X0, X1, ...
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.standard_space import nameInputs
+    >>> print(nameInputs(ot.Normal(2), ot.SymbolicFunction(["mass", "rate"], ["mass * rate"])).getDescription())
+    [mass,rate]
+    """
+    distribution = ot.Distribution(distribution)
+    names = function.getInputDescription()
+    default = ot.Description.BuildDefault(distribution.getDimension(), "X")
+    if distribution.getDescription() == default and len(set(names)) == len(names) == len(default):
+        distribution.setDescription(names)
+    return distribution
+
+
 class StandardSpace:
     """Standard space U of a distribution through its iso-probabilistic transformation T, U = T(X).
 
