@@ -74,4 +74,6 @@ def test_sensitivities_carry_the_names_of_the_functions_inputs():
     assert {row.input for row in result.computeParameterSensitivity()} == {"load", "length"}
     assert list(result.getInputSample().getDescription()) == ["load", "length"]
     assert result.getTrueRuns().inputNames == ("load", "length")
-    assert "load: " in str(result.drawImportance())
+    drawables = [drawable.getImplementation() for drawable in result.drawImportance().getDrawables()]
+    texts = [list(drawable.getTextAnnotations()) for drawable in drawables if drawable.getClassName() == "Text"]
+    assert any(text.startswith("load: ") for row in texts for text in row)
