@@ -2,6 +2,8 @@
 
 import json
 import math
+import os
+import shutil
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 
@@ -205,6 +207,40 @@ def test_an_interrupted_run_continues_to_the_same_result(interval, tmp_path, mon
     assert run(again(None)) == expected
     assert sum(drawn) == 5000
     assert {path.name for path in tmp_path.iterdir()} == {"plain.npy", "runs.npy", "state.json"}
+
+
+@pytest.mark.parametrize("interval", [0.0, 1e9])
+def test_rows_are_in_the_file_before_a_checkpoint_counts_them(interval, tmp_path, monkeypatch):
+    """A process may be killed right after any checkpoint, the last one included; its buffers are lost then."""
+    monkeypatch.setattr(monte_carlo_stream, "_CHECKPOINT_INTERVAL", interval)
+    expected, replace, part = run(stream(530)), os.replace, tmp_path / "runs.npy.part"
+    seen = []
+
+    def replaced(source, target):
+        replace(source, target)
+        if str(target).endswith("state.json"):
+            seen.append(json.loads((tmp_path / "state.json").read_text(encoding="utf-8"))["summary"]["size"])
+            shutil.copy(part, tmp_path / f"{seen[-1]}.part")
+            shutil.copy(target, tmp_path / f"{seen[-1]}.json")
+
+    def made():
+        one = stream(530)
+        one.setChunkSize(100)
+        one.setCheckpointFile(tmp_path / "state.json")
+        one.setOutputFile(tmp_path / "runs.npy")
+        return one
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", replaced)
+        assert run(made()) == expected
+    assert seen[-1] == 530
+    whole = (tmp_path / "runs.npy").read_bytes()
+    for number in set(seen):
+        (tmp_path / "runs.npy").unlink()
+        shutil.copy(tmp_path / f"{number}.part", part)
+        shutil.copy(tmp_path / f"{number}.json", tmp_path / "state.json")
+        assert run(made()) == expected
+        assert (tmp_path / "runs.npy").read_bytes() == whole
 
 
 def test_a_checkpoint_of_other_runs_is_refused(tmp_path):

@@ -271,7 +271,7 @@ class MonteCarloStream:
 
         complete = self._file is None or (state.runs == self._size and self._file.exists())
         file = contextlib.nullcontext() if complete else _RowFile(self._file, (self._size, width), state.runs)
-        with self._closing(), file as rows, state:
+        with self._closing(), file as rows, state.savedAtLast(rows):
             for chunk, (summaries, kept) in self._scheduler.run(Work(work), self._chunks(state.runs), check):
                 if rows is not None:
                     rows.append(kept)
@@ -417,12 +417,20 @@ class _State:
 
     def saveNowAndThen(self, rows):
         if self._path is not None and time.monotonic() - self._saved > _CHECKPOINT_INTERVAL:
-            if rows is not None:
-                rows.sync()
-            self.save()
+            self._save(rows)
 
-    def save(self):
-        """Whole or not at all; numbers in JSON come back to the last bit."""
+    @contextlib.contextmanager
+    def savedAtLast(self, rows):
+        try:
+            yield
+        finally:
+            if self._path is not None and self.summary is not None:
+                self._save(rows)
+
+    def _save(self, rows):
+        """Whole or not at all, and not before the rows that it counts; numbers in JSON come back to the last bit."""
+        if rows is not None:
+            rows.sync()
         summary = {key: np.asarray(value).tolist() for key, value in dataclasses.asdict(self.summary).items()}
         part = self._path.with_name(self._path.name + ".part")
         with open(part, "w", encoding="utf-8") as stream:
@@ -431,13 +439,6 @@ class _State:
             os.fsync(stream.fileno())
         os.replace(part, self._path)
         self._saved = time.monotonic()
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception):
-        if self._path is not None and self.summary is not None:
-            self.save()
 
 
 class MonteCarloStreamResult:
