@@ -10,6 +10,7 @@ survives that runs all tests of the simulator once more, compiled.
 
 import argparse
 import ast
+import contextlib
 import importlib
 import io
 import json
@@ -17,6 +18,7 @@ import math
 import os
 import platform
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -30,8 +32,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK_TEST = 2.5  # s: longer ones are left to the second, compiled stage
-PATIENCE = 75.0  # s for the tests of one mutant; one that never ends is noticed, too
-MOTION = ("closed_forms", "bad_input", "sensitivities")
+# Seconds of processor time for the tests of one mutant, and of any time where it waits: one that never ends is noticed.
+PATIENCE, WAIT = 150, 1800.0
+# What they find depends on the machine's other programs.
+TIMED_TESTS = ("is_fast_enough", "are_quick")
+MOTION = ("closed_forms", "bad_input", "sensitivities", "flight")
 ALL_MOTION = (
     *MOTION, "force_contract", "rotations", "orbit", "relative_orbit", "invariants", "conservation", "simulation",
     "separation_function", "run_document",
@@ -54,17 +59,17 @@ FILES = {
         "relative_orbit": ("relative_orbit", *MOTION),
     },
     "methods": {
-        "active_subspace": ("active_subspace", "active_dimension"),
+        "active_subspace": ("documented_defaults", "active_subspace", "active_dimension"),
         "active_subspace_result": ("active_subspace",),
         "importance_proposal": ("importance_proposal", *ESTIMATE),
         "limit_state_event": ESTIMATE,
-        "limit_state_surrogate": ESTIMATE,
+        "limit_state_surrogate": ("limit_state_surrogate", *ESTIMATE),
         "polynomial_basis": ("polynomial_basis", "polynomial_regression"),
         "polynomial_design": ("polynomial_design",),
         "polynomial_distribution": ("polynomial_distribution",),
         "polynomial_prediction": ("polynomial_prediction", "polynomial_regression"),
-        "polynomial_regression": ("polynomial_regression",),
-        "reliability": ESTIMATE,
+        "polynomial_regression": ("documented_defaults", "polynomial_regression"),
+        "reliability": ("documented_defaults", *ESTIMATE),
         "standard_space": ("standard_space", "active_subspace"),
         "subspace_estimation": ("active_subspace",),
     },
@@ -231,7 +236,12 @@ class Order:
     def __init__(self, durations=None):
         self.durations, self.measured, self.failed = durations, {}, []
 
+    def pytest_collectreport(self, report):
+        if report.failed:
+            self.failed.append(f"{report.nodeid} cannot be collected")
+
     def pytest_collection_modifyitems(self, items):
+        items[:] = [item for item in items if not item.name.endswith(TIMED_TESTS)]
         if self.durations is not None:
             items[:] = [item for item in items if self.durations.get(item.nodeid, math.inf) < QUICK_TEST]
             items.sort(key=lambda item: self.durations[item.nodeid])
@@ -266,13 +276,14 @@ def tests_of(path):
 
 
 def in_child(folder, job, patience):
-    """What a job returns that runs in a copy of this process; None where it takes too long or dies."""
+    """What a job returns that runs in a copy of this process; None where it computes for too long or dies."""
     answer = folder / "answer.json"
     answer.unlink(missing_ok=True)
     child = os.fork()
     if child == 0:
         try:
             os.setsid()
+            resource.setrlimit(resource.RLIMIT_CPU, (patience, patience))
             os.chdir(folder)
             sys.path[:0] = [str(folder), str(folder / "tests")]
             with open(folder / "output.txt", "w") as output:
@@ -283,7 +294,7 @@ def in_child(folder, job, patience):
             traceback.print_exc()
         finally:
             os._exit(0)
-    deadline = time.monotonic() + patience
+    deadline = time.monotonic() + WAIT
     while os.waitpid(child, os.WNOHANG)[0] == 0:
         if time.monotonic() > deadline:
             os.killpg(child, signal.SIGKILL)
@@ -338,49 +349,41 @@ def usual_durations(folder):
             run_tests([file], plugin)
             return [plugin.measured, plugin.failed]
 
-        measured, failed = in_child(folder, measure, 3600.0)
+        measured, failed = in_child(folder, measure, 1500)
         print(f"{file}: {sum(measured.values()):.1f} s, {len(measured)} tests, not used {len(failed)}", flush=True)
         durations |= measured | dict.fromkeys(failed, math.inf) | {file: 0.0}
         kept.write_text(json.dumps(durations))
     return durations
 
 
-def noticed(folder, mutant, durations):
-    """The first test that fails, "" if none does."""
+@contextlib.contextmanager
+def applied(folder, mutant):
+    """The mutant in its file, for a while."""
     path = folder / mutant["path"]
     content = path.read_bytes()
+    path.write_bytes(content[: mutant["start"]] + mutant["put"].encode() + content[mutant["end"] :])
+    try:
+        yield
+    finally:
+        path.write_bytes(content)
+
+
+def noticed(folder, mutant, durations):
+    """The first test that fails, "" if none does."""
 
     def check():
         plugin = Order(durations)
         run_tests(tests_of(mutant["path"]), plugin, "-x")
         return plugin.failed[0] if plugin.failed else ""
 
-    path.write_bytes(content[: mutant["start"]] + mutant["put"].encode() + content[mutant["end"] :])
-    try:
+    with applied(folder, mutant):
         answer = in_child(folder, check, PATIENCE)
-    finally:
-        path.write_bytes(content)
-    # Collection errors have no report: nothing was measured at all then.
     return "it never ends, or crashes" if answer is None else answer
 
 
-def noticed_compiled(folder, mutant):
-    """The same by all fast tests of the simulator, compiled; in a process of its own."""
-    path = folder / mutant["path"]
-    content = path.read_bytes()
-    path.write_bytes(content[: mutant["start"]] + mutant["put"].encode() + content[mutant["end"] :])
-    files = [
-        f"tests/test_{name}.py"
-        for name in (
-            "rotations",
-            "orbit",
-            "relative_orbit",
-            "invariants",
-            *MOTION,
-            "separation_function",
-            "run_document",
-        )
-    ]
+def first_failure_compiled(folder):
+    """The first that fails of all fast tests of the simulator, compiled, in a process of its own; "" if none does."""
+    files = [f"tests/test_{name}.py" for name in ALL_MOTION]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow", *files]
     environment = os.environ | {"PYTHONPATH": str(folder)}
     environment.pop("NUMBA_DISABLE_JIT", None)
@@ -388,8 +391,6 @@ def noticed_compiled(folder, mutant):
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=3600)
     except subprocess.TimeoutExpired:
         return "it never ends"
-    finally:
-        path.write_bytes(content)
     if done.returncode == 0:
         return ""
     return next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "it crashes")
@@ -404,10 +405,8 @@ def report(folder, seed, chosen, results):
     ]
     total = caught = equal = 0
     for layer in FILES:
-        of_layer = [
-            (mutant, results[key(mutant)]) for mutant in chosen if layer in mutant["path"] and key(mutant) in results
-        ]
-        survivors = [mutant for mutant, answer in of_layer if not answer]
+        of_layer = [mutant for mutant in chosen if layer in mutant["path"] and key(mutant) in results]
+        survivors = [mutant for mutant in of_layer if not (results[key(mutant)] or results.get(compiled(mutant)))]
         same = [mutant for mutant in survivors if why_equivalent(mutant)]
         lines.append(
             f"{layer}: {len(of_layer)} mutants, {len(of_layer) - len(survivors)} noticed, {len(same)} equivalent, "
@@ -425,6 +424,10 @@ def report(folder, seed, chosen, results):
 
 def key(mutant):
     return f"{mutant['path']}:{mutant['start']}:{mutant['put']}"
+
+
+def compiled(mutant):
+    return f"compiled {key(mutant)}"
 
 
 def why_equivalent(mutant):
@@ -448,23 +451,28 @@ def main():
         print(report(folder, options.seed, chosen, results))
         return
     durations = usual_durations(folder)
-    for stage in ("plain", "compiled"):
-        for mutant in chosen:
-            name = key(mutant) if stage == "plain" else f"compiled {key(mutant)}"
-            survives = results.get(key(mutant)) == "" and "dynamics" in mutant["path"] and not why_equivalent(mutant)
-            if name in results or (stage == "compiled" and not survives):
-                continue
+
+    def keep(name, mutant, answer, start):
+        results[name] = answer
+        kept.write_text(json.dumps(results, indent=0))
+        print(
+            f"{time.monotonic() - start:4.0f} s {mutant['path']}:{mutant['line']} {mutant['before']} -> "
+            f"{mutant['after']}: {answer or 'SURVIVES'}",
+            flush=True,
+        )
+
+    for mutant in chosen:
+        if key(mutant) not in results:
             start = time.monotonic()
-            answer = noticed(folder, mutant, durations) if stage == "plain" else noticed_compiled(folder, mutant)
-            results[name] = answer
-            if stage == "compiled":
-                results[key(mutant)] = answer
-            kept.write_text(json.dumps(results, indent=0))
-            print(
-                f"{time.monotonic() - start:4.0f} s {stage} {mutant['path']}:{mutant['line']} {mutant['before']} -> "
-                f"{mutant['after']}: {answer or 'SURVIVES'}",
-                flush=True,
-            )
+            keep(key(mutant), mutant, noticed(folder, mutant, durations), start)
+    left = [mutant for mutant in chosen if "dynamics" in mutant["path"] and not results[key(mutant)]]
+    left = [mutant for mutant in left if not why_equivalent(mutant) and compiled(mutant) not in results]
+    if left and (failure := first_failure_compiled(folder)):
+        raise SystemExit(f"The compiled tests of the simulator fail without any mutant: {failure}")
+    for mutant in left:
+        start = time.monotonic()
+        with applied(folder, mutant):
+            keep(compiled(mutant), mutant, first_failure_compiled(folder), start)
     print(report(folder, options.seed, chosen, results))
 
 
