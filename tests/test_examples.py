@@ -84,6 +84,26 @@ def test_other_distributions_and_copula(capsys):
     assert "Clayton" in printed
 
 
+def test_anything_that_goes_wrong(capsys):
+    names, printed = run("anything_that_goes_wrong", capsys)
+    problem, results = names["problem"], names["results"]
+    assert list(results) == ["lateral rate", "spin", "axial velocity", "any requirement"]
+    # Every requirement counted by its own limit, on runs of our own.
+    ot.RandomGenerator.SetSeed(1)
+    outputs = problem.getFunction()(problem.getDistribution().getSample(100_000))
+    columns = {name.split(" ")[0]: k for k, name in enumerate(outputs.getDescription())}
+    values = np.array(outputs)
+    violated = {
+        entry.name: [not entry.is_met(value) for value in values[:, columns[entry.quantity]]]
+        for entry in problem.getRequirements()
+    }
+    violated["any requirement"] = np.any(list(violated.values()), axis=0)
+    for name, result in results.items():
+        probability = result.getProbabilityEstimate()
+        assert abs(np.mean(violated[name]) - probability) < 4.0 * np.sqrt(probability / 100_000), name
+    assert "components: rate_x [deg/s], rate_z [deg/s], rate_y [deg/s], axial_velocity [m/s]" in printed
+
+
 def test_save_and_load(capsys):
     names, printed = run("save_and_load", capsys)
     assert names["same_spin"]
