@@ -4,10 +4,10 @@ import contextlib
 import ctypes
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 
 INTERRUPTED = 128 + signal.SIGINT  # the exit code, as shells have it
 PATIENCE = 0.3  # s that the killed processes may take to end, and then the last words to be said
@@ -25,32 +25,38 @@ def supervise(kept: Callable[[], str]) -> None:
     Only the child returns. This process, whose number shells and job managers know, waits for the child's end and ends
     likewise. On SIGINT and SIGTERM, unless they were ignored from the start on, it kills the child, ends what the child
     has started (by SIGTERM), and says what is kept. It says so, too, if the child dies of a signal. If it is killed
-    itself, the kernel kills the child.
+    itself, the kernel kills the child. Ctrl-Z stops both.
 
     No handler in the child could be relied on: libraries hold the interpreter's lock for seconds, and OpenTURNS (1.27)
     answers SIGINT itself while an algorithm runs, by a jump over Python's frames or a failure that would pass for the
-    algorithm's result. So the child and what it starts do not get SIGINT at all.
+    algorithm's result. So the child and what it starts are a process group of their own, which Ctrl-C does not reach.
 
     Parameters
     ----------
     kept : callable
         Without arguments; what an interrupted command leaves, in words.
     """
-    watched = {number for number in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(number) != signal.SIG_IGN}
-    watched.add(signal.SIGCHLD)
+    heard = {signal.SIGINT, signal.SIGTERM, signal.SIGTSTP}
+    watched = {number for number in heard if signal.getsignal(number) != signal.SIG_IGN} | {signal.SIGCHLD}
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
     control = ctypes.CDLL(None).prctl
-    # What a killed child leaves becomes ours.
+    # What a killed child leaves becomes ours, to be waited for.
     control(_SET_CHILD_SUBREAPER, 1)
     parent = os.getpid()
     child = os.fork()
     if child:
+        os.setpgid(child, child)
         _watch(child, watched, kept)
+    os.setpgid(0, 0)
     control(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(INTERRUPTED)
+    # Not in the foreground, it would otherwise be stopped by what it prints, on terminals that are set so.
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_SETMASK, before | {signal.SIGINT})
+    # The process that removes the semaphores of a pool that was killed is not to warn of them: it inherits this.
+    sys.warnoptions.append("ignore:resource_tracker:UserWarning")
 
 
 def _watch(child, watched, kept):
@@ -65,9 +71,14 @@ def _watch(child, watched, kept):
         elif number == signal.SIGCHLD:
             # The child was stopped, or something that it had left has ended.
             continue
+        elif number == signal.SIGTSTP:
+            os.killpg(child, signal.SIGSTOP)
+            os.kill(os.getpid(), signal.SIGSTOP)
+            os.killpg(child, signal.SIGCONT)
+            continue
         else:
             os.kill(child, signal.SIGKILL)
-        _end_all()
+        _end_rest(child)
         # A terminal that is held, or a full pipe, would hold us as well.
         speaker = threading.Thread(target=_say, args=(number, kept), daemon=True)
         speaker.start()
@@ -75,26 +86,16 @@ def _watch(child, watched, kept):
         os._exit(128 + number)
 
 
-def _end_all():
-    """Wait for the end of all children, and end those that come to us when their parent ends."""
+def _end_rest(group):
+    """End what the child has started, and wait for the end of all."""
+    with contextlib.suppress(ProcessLookupError):
+        # Not SIGKILL: the process that removes the semaphores of a pool ignores this, and ends when it has done so.
+        os.killpg(group, signal.SIGTERM)
     limit = time.monotonic() + PATIENCE
-    while time.monotonic() < limit:
-        try:
-            while os.waitpid(-1, os.WNOHANG)[0]:
-                pass
-        except ChildProcessError:
-            return
-        # Not SIGKILL: the one that removes the semaphores of a pool ignores this, and ends when it has done so.
-        for orphan in _children():
-            os.kill(orphan, signal.SIGTERM)
-        time.sleep(0.002)
-
-
-def _children():
-    try:
-        return [int(number) for number in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()]
-    except OSError:
-        return []
+    with contextlib.suppress(ChildProcessError):
+        while time.monotonic() < limit:
+            if not os.waitpid(-1, os.WNOHANG)[0]:
+                time.sleep(0.002)
 
 
 def _say(number, kept):

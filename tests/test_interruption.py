@@ -62,6 +62,14 @@ children = [subprocess.Popen([sys.executable, "-c", sleeps], stderr=subprocess.D
 print("ready", os.getpid(), *(child.pid for child in children), flush=True)
 time.sleep(30)
 """
+WITH_A_POOL = """
+from satsep_ot.methods.executors import processes
+pool = processes(2)()
+for _ in range(4):
+    pool.submit(time.sleep, 30)
+print("ready", os.getpid(), *pool._processes, flush=True)
+time.sleep(30)
+"""
 WAITING = f"""
 {READY}
 time.sleep(30)
@@ -90,16 +98,21 @@ def end(process, send):
     return process.returncode, out.decode(), errors.decode()
 
 
-def is_there(number):
+def state(number):
+    """As the kernel tells it: R and S for running, T for stopped, Z for ended."""
     try:
-        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0]
     except OSError:
-        return False
+        return "Z"
 
 
-def wait_until_gone(numbers):
+def is_there(number):
+    return state(number) != "Z"
+
+
+def wait_until(numbers, states):
     limit = time.monotonic() + 10.0
-    while any(map(is_there, numbers)):
+    while not all(state(number) in states for number in numbers):
         assert time.monotonic() < limit
         time.sleep(0.01)
 
@@ -115,10 +128,15 @@ def test_an_interrupt_ends_the_process_within_a_second(program, group):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_what_it_has_started_ends_too(number):
-    with running(WITH_CHILDREN) as (process, workers):
+@pytest.mark.parametrize("program", [WITH_CHILDREN, WITH_A_POOL])
+def test_what_it_has_started_ends_too(program, number):
+    with running(program) as (process, workers):
         assert len(workers) == 3
-        assert end(process, lambda: process.send_signal(number))[0] == 128 + number
+        code, _, errors = end(process, lambda: os.killpg(process.pid, number))
+        assert code == 128 + number
+        # Neither tracebacks of workers nor warnings about what they leave.
+        assert errors.endswith("; all is kept\n")
+        assert errors.count("\n") == 1
         assert not any(map(is_there, workers))
 
 
@@ -140,7 +158,7 @@ def test_it_tells_how_else_the_process_ended():
 def test_nothing_outlives_a_process_that_is_killed():
     with running(HOLDING_THE_LOCK) as (process, workers):
         process.kill()
-        wait_until_gone(workers)
+        wait_until(workers, "Z")
 
 
 def test_codes_and_output_are_passed_on():
@@ -148,12 +166,16 @@ def test_codes_and_output_are_passed_on():
         assert end(process, lambda: None) == (3, "said\n", "warned")
 
 
-def test_a_process_that_was_stopped_goes_on():
-    with running(READY + "time.sleep(0.3); print('done')") as (process, workers):
+def test_ctrl_z_stops_the_work_too_until_it_is_to_go_on():
+    with running(IN_PYTHON) as (process, workers):
+        for _ in range(2):
+            process.send_signal(signal.SIGTSTP)
+            wait_until([process.pid, *workers], "T")
+            process.send_signal(signal.SIGCONT)
+            wait_until([process.pid, *workers], "RS")
         os.kill(workers[0], signal.SIGSTOP)
-        time.sleep(0.1)
-        os.kill(workers[0], signal.SIGCONT)
-        assert end(process, lambda: None) == (0, "done\n", "")
+        wait_until(workers, "T")
+        assert end(process, lambda: process.send_signal(signal.SIGINT))[0] == 130
 
 
 def test_an_interrupt_that_is_ignored_from_the_start_on_stays_ignored():
@@ -175,8 +197,11 @@ def test_nobody_needs_to_read_what_it_says():
 
 
 def test_a_terminal_gets_its_cursor_back():
-    """Ctrl-C typed at a terminal, in the middle of a progress bar."""
+    """Ctrl-C typed in the middle of a progress bar, at a terminal that lets only the foreground print."""
     ours, theirs = pty.openpty()
+    attributes = termios.tcgetattr(theirs)
+    attributes[3] |= termios.TOSTOP
+    termios.tcsetattr(theirs, termios.TCSANOW, attributes)
 
     def take():
         fcntl.ioctl(theirs, termios.TIOCSCTTY, 0)
