@@ -4,13 +4,14 @@ import html
 import json
 import re
 import shutil
+from pathlib import Path
 
 import pytest
 
 from satsep_ot import cli
 from satsep_ot.model.case import parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies.report import ReportError, _gain, render_report, write_report
+from satsep_ot.studies.report import COVERAGE, ReportError, _gain, render_report, write_report
 from satsep_ot.studies.separation_study import SeparationStudy
 from tests.browser import PROGRAM, Browser
 
@@ -98,6 +99,27 @@ def test_sections_come_in_the_order_of_a_reviewers_questions(page):
     ]  # fmt: skip
 
 
+def test_measured_coverage_is_that_of_the_benchmark(page):
+    lines = (Path(__file__).parent / "benchmarks" / "reliability_coverage.txt").read_text(encoding="utf-8").splitlines()
+    # problem, mode, repetitions, truth, its error, runs, most runs, bias, +-, error, claimed, inside, ...
+    found = {row[0]: (int(row[2]), float(row[11])) for row in map(str.split, lines) if len(row) == 17}
+    assert len(found) >= 10
+    text = visible_text(page)
+    for name, (problem, repetitions, share) in COVERAGE.items():
+        assert found[problem] == (repetitions, share)
+        assert f"{name} {share:g} % of {repetitions}" in text
+    assert {name for name in found if name.startswith("reference-")} == {row[0] for row in COVERAGE.values()}
+    # What is converged is what is shown: the benchmark's estimates all were.
+    assert all(row.split()[14] == "100.0" for row in lines if row.startswith("reference-"))
+
+
+def test_why_an_estimate_with_half_a_tolerance_ended_is_told(page, results):
+    notes = [row["note"] for rows in results["tightened"].values() for row in rows]
+    assert notes
+    text = visible_text(page)
+    assert all(note and note in text for note in notes)
+
+
 def test_names_are_escaped_and_the_data_end_where_they_should(page, directory):
     assert "small &lt;case&gt; &amp; co" in page
     assert page.count("</script>") == 2
@@ -119,6 +141,7 @@ def test_everything_to_repeat_it_is_there(page, results):
         "satsep-ot study case.toml --seed 5 --runs 5000 --methods ActiveSubspace FORM MonteCarlo --tolerances 1" in text
     )
     assert 'cant = { quantity = "springs.cant.each", sigma = 0.02 }' in text
+    assert "Another processor, or another version of numba, may fuse products and sums differently" in text
     for name, version in results["versions"].items():
         assert f"{name} {version}" in text or f"{name}{version}" in text
 

@@ -1,5 +1,6 @@
 """The chain as a whole, at a small size."""
 
+import copy
 import json
 
 import numpy as np
@@ -44,6 +45,18 @@ def test_form_is_told_where_it_is_wrong(study):
     remarks = study.getRemarks()
     assert any(text.startswith("lateral rate: FORM gives") and "times too low" in text for text in remarks)
     assert not any(text.startswith("axial velocity: FORM gives") and "too high" in text for text in remarks)
+
+
+def test_intervals_that_do_not_overlap_are_told(study):
+    changed = copy.copy(study)
+    changed._rows = [dict(row) for row in study.getRows()]
+    assert not any("do not overlap" in text for text in changed.getRemarks())
+    for row in changed._rows:
+        if (row["requirement"], row["method"]) == ("spin", "MonteCarlo"):
+            row["lower95"], row["upper95"] = 2.0 * row["upper95"], 3.0 * row["upper95"]
+    assert [text.split(":")[0] for text in changed.getRemarks() if "do not overlap" in text] == ["spin"]
+    verdict = next(verdict for verdict in changed.getVerdicts() if verdict.requirement == "spin")
+    assert "taken together they reach from" in verdict.sentence
 
 
 def test_components_are_ridges(study):

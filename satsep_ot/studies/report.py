@@ -26,6 +26,15 @@ from satsep_ot.studies.verdicts import (
 )
 
 _SYMBOLS = {MET: "✓", NOT_MET: "✗", UNDECIDED: "?", NO_ALLOWANCE: "–", UNKNOWN: "–"}
+# How often the 95 % interval of ActiveSubspace held a probability that is known: (problem, repetitions, percent), as
+# tests/benchmarks/reliability_coverage.py printed it.
+COVERAGE = {
+    "lateral rate": ("reference-lateral-rate", 200, 96.5),
+    "spin": ("reference-spin", 200, 96.5),
+    "any requirement": ("reference-any-requirement", 200, 98.5),
+    "axial velocity": ("reference-axial-velocity", 60, 96.7),
+    "clearance": ("reference-clearance", 16, 100.0),
+}
 # The sections of the page that show figures, and the heading of each group of them.
 _SECTIONS = ("separation", "answer", "drivers", "tightened", "densities", "eigenvalues", "summaries", "methods")
 
@@ -142,6 +151,7 @@ def _render(results, motion, case_text, directory):
         headline=headline([Verdict(**verdict, row=None) for verdict in results["verdicts"]]),
         in_words=in_words,
         advice=_advice(results, best),
+        coverage=_coverage(),
         extremes={name: _extremes(violation) for name, violation in results["violations"].items()},
         chosen=max(
             results["violations"], key=lambda name: best[name]["probability"] if best.get(name) else 0.0, default=""
@@ -149,6 +159,12 @@ def _render(results, motion, case_text, directory):
         motion=_script_json(motion),
         case_text=case_text,
     )
+
+
+def _coverage():
+    """What was measured of the intervals, in words."""
+    parts = [f"{name} {share:g} % of {repetitions}" for name, (_, repetitions, share) in COVERAGE.items()]
+    return ", ".join(parts)
 
 
 def _keep_numbers(text):

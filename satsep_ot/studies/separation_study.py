@@ -39,7 +39,7 @@ from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.report import write_report
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
-from satsep_ot.studies.verdicts import Verdict, best_row, judge
+from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, judge
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 # What a study writes, beside the case and its tables.
@@ -490,12 +490,18 @@ class SeparationStudy:
         return self._results[requirement]
 
     def getRemarks(self) -> list[str]:
-        """Sentences on where FORM and SORM contradict the best estimate with an interval, by how much, and why."""
+        """Sentences on where methods contradict the best estimate with an interval: by how much, and why."""
         quantities = {entry.name: entry.quantity for entry in self._problem.getRequirements()}
         remarks = []
         for requirement in self._names:
             rows = {row["method"]: row for row in self._rows if row["requirement"] == requirement}
             best = best_row(rows.values())
+            doubt = contradiction(rows.values())
+            if doubt:
+                remarks.append(
+                    f"{requirement}: {doubt}: by chance, which does that at most 1 time in 20, or since one of "
+                    "them has missed failures. More runs, or another seed, tell which."
+                )
             if best is None or not best["probability"]:
                 continue
             for name in ("FORM", "SORM"):

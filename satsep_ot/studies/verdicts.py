@@ -24,7 +24,9 @@ class Verdict(NamedTuple):
 
 
 def best_row(rows: Iterable[dict]) -> dict | None:
-    """The row that others are judged by: the narrowest interval of ActiveSubspace and MonteCarlo.
+    """The row that others are judged by: that of ActiveSubspace if it has converged, else that of MonteCarlo.
+
+    Chosen by name, not by its width: the narrower of two may hold the truth less often than each does.
 
     Parameters
     ----------
@@ -43,13 +45,43 @@ def best_row(rows: Iterable[dict]) -> dict | None:
     >>> best_row([row])["upper95"]
     3e-05
     """
-    candidates = [
-        row
-        for row in rows
-        if row["method"] in ("ActiveSubspace", "MonteCarlo") and row["upper95"] is not None and row["converged"]
-    ]
-    # An interval that begins at 0 is wider, by ratio, than any other.
-    return min(candidates, key=lambda row: row["upper95"] / max(row["lower95"], 1e-300), default=None)
+    return next(iter(_rows_with_interval(rows)), None)
+
+
+def contradiction(rows: Iterable[dict]) -> str:
+    """A sentence where the intervals of ActiveSubspace and MonteCarlo have no probability in common.
+
+    Chance does that at most 1 time in 20 (1 in 180 where both are as wide); else one of them has missed failures.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Of one requirement.
+
+    Returns
+    -------
+    sentence : str
+        Empty where they overlap or one of them is missing.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import contradiction
+    >>> row = {"method": "MonteCarlo", "lower95": 2e-3, "upper95": 3e-3, "converged": True}
+    >>> other = {"method": "ActiveSubspace", "lower95": 1.2e-3, "upper95": 1.4e-3, "converged": True}
+    >>> contradiction([row, other])
+    'the intervals of ActiveSubspace (1.2e-3 to 1.4e-3) and MonteCarlo (2e-3 to 3e-3) do not overlap'
+    """
+    found = _rows_with_interval(rows)
+    if len(found) < 2 or max(row["lower95"] for row in found) <= min(row["upper95"] for row in found):
+        return ""
+    texts = [f"{row['method']} ({digits(row['lower95'])} to {digits(row['upper95'])})" for row in found]
+    return f"the intervals of {' and '.join(texts)} do not overlap"
+
+
+def _rows_with_interval(rows):
+    """The rows that may be judged by, the best one first."""
+    found = {row["method"]: row for row in rows if row["upper95"] is not None and row["converged"]}
+    return [found[method] for method in ("ActiveSubspace", "MonteCarlo") if method in found]
 
 
 def digits(probability: float) -> str:
@@ -133,8 +165,8 @@ def judge(requirement: str, rows: Sequence[dict], allowed: float | None = None) 
     Returns
     -------
     verdict : Verdict
-        "met" only where the whole 95 % interval is at most the allowed probability, "not met" only where all of it is
-        above.
+        "met" only where the whole 95 % interval of `best_row` is at most the allowed probability, "not met" only where
+        all of it is above. Where the intervals of ActiveSubspace and MonteCarlo do not overlap, both must be.
 
     Examples
     --------
@@ -152,6 +184,11 @@ def judge(requirement: str, rows: Sequence[dict], allowed: float | None = None) 
     lower, upper = row["lower95"], row["upper95"]
     known = f"{in_words(row['probability'])}; with 95 % confidence between {digits(lower)} and {digits(upper)}"
     known = known[0].upper() + known[1:]
+    doubt = contradiction(rows)
+    if doubt:
+        found = _rows_with_interval(rows)
+        lower, upper = min(one["lower95"] for one in found), max(one["upper95"] for one in found)
+        known = f"{doubt[0].upper()}{doubt[1:]}; taken together they reach from {digits(lower)} to {digits(upper)}"
     if allowed is None:
         return Verdict(requirement, NO_ALLOWANCE, f"{known}. The case file names no allowed probability.", row)
     if upper <= allowed:

@@ -1,0 +1,71 @@
+"""The verdict on a requirement: by an interval that is chosen beforehand, and by both where they do not overlap."""
+
+import pytest
+
+from satsep_ot.studies.verdicts import best_row, contradiction, judge
+
+
+def row(method, lower, upper, converged=True):
+    return {
+        "method": method, "probability": None if upper is None else 0.5 * (lower + upper), "lower95": lower,
+        "upper95": upper, "converged": converged,
+    }  # fmt: skip
+
+
+ACTIVE = row("ActiveSubspace", 1.0e-3, 2.0e-3)
+FORM = row("FORM", None, None)
+
+
+@pytest.mark.parametrize(
+    ("rows", "method"),
+    [
+        # Never by their widths: the narrower of two holds the truth less often than each does.
+        ([row("MonteCarlo", 1.4e-3, 1.5e-3), FORM, ACTIVE], "ActiveSubspace"),
+        ([row("MonteCarlo", 0.0, 5e-3), ACTIVE], "ActiveSubspace"),
+        ([row("MonteCarlo", 0.0, 5e-3), {**ACTIVE, "converged": False}], "MonteCarlo"),
+        ([row("MonteCarlo", 0.0, 5e-3), row("ActiveSubspace", None, None)], "MonteCarlo"),
+        ([ACTIVE, FORM], "ActiveSubspace"),
+        # SubsetSampling's interval, by its own account, is not one to judge by.
+        ([row("SubsetSampling", 1e-3, 2e-3), FORM], None),
+        ([], None),
+    ],
+)
+def test_which_row_decides_is_settled_beforehand(rows, method):
+    for order in (rows, rows[::-1]):
+        best = best_row(iter(order))
+        assert (best and best["method"]) == method
+
+
+@pytest.mark.parametrize(
+    ("allowed", "status"),
+    [(1e-2, "met"), (2e-3, "met"), (1.99e-3, "undecided"), (1e-3, "undecided"), (9.9e-4, "not met")],
+)
+def test_the_whole_interval_decides(allowed, status):
+    assert judge("spin", [FORM, ACTIVE], allowed).status == status
+    # A wider interval beside it that overlaps changes nothing.
+    assert judge("spin", [ACTIVE, row("MonteCarlo", 0.0, 5e-3)], allowed).status == status
+    assert contradiction([ACTIVE, row("MonteCarlo", 2e-3, 5e-3)]) == ""
+
+
+@pytest.mark.parametrize(
+    ("allowed", "status"),
+    [(1e-2, "met"), (4e-3, "met"), (3e-3, "undecided"), (1.5e-3, "undecided"), (1e-3, "undecided"), (5e-4, "not met")],
+)
+@pytest.mark.parametrize("turned", [False, True])
+def test_two_intervals_that_do_not_overlap_decide_together(allowed, status, turned):
+    other = row("MonteCarlo", 3e-3, 4e-3)
+    rows = [other, ACTIVE]
+    if turned:
+        rows = [{**ACTIVE, "method": "MonteCarlo"}, {**other, "method": "ActiveSubspace"}]
+    verdict = judge("spin", rows, allowed)
+    assert verdict.status == status
+    assert verdict.sentence.startswith("The intervals of ActiveSubspace (")
+    assert "do not overlap; taken together they reach from 1e-3 to 4e-3" in verdict.sentence
+    assert verdict.row["method"] == "ActiveSubspace"
+    assert "do not overlap" in judge("spin", rows).sentence
+
+
+def test_an_estimate_that_did_not_converge_contradicts_nobody():
+    assert contradiction([{**ACTIVE, "converged": False}, row("MonteCarlo", 3e-3, 4e-3)]) == ""
+    assert judge("spin", [{**ACTIVE, "converged": False}, row("MonteCarlo", 3e-3, 4e-3)], 4e-3).status == "met"
+    assert judge("spin", [FORM], 4e-3).status == "no estimate"
