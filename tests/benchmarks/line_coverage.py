@@ -2,11 +2,14 @@
 
     python tests/benchmarks/line_coverage.py FOLDER [TEST ...]
 
-Two runs, put together in FOLDER: the tests of the simulator with its kernels as plain Python, each for some
-seconds at most, and the other fast tests (or those named) as ever. Prints the share of each file and the lines missed.
+Two runs, put together in FOLDER: those tests of the simulator that take no more than some seconds with its kernels as
+plain Python, and all fast tests (or those named) as ever, with the processes that they start. Prints the share of each
+file and the lines missed.
 """
 
 import argparse
+import json
+import math
 import os
 import platform
 import subprocess
@@ -19,26 +22,48 @@ import pytest
 from mutation_check import ALL_MOTION, Order, run_tests
 
 ROOT = Path(__file__).resolve().parents[2]
-# What cannot be reached in a test, or is there for type checkers alone.
-EXCLUDED = ["if TYPE_CHECKING:", "@abc.abstractmethod", 'if __name__ == "__main__":']
+# What cannot be reached in a test, or is there for type checkers alone, is left out.
+CONFIGURATION = """
+[run]
+source = satsep_ot
+data_file = {folder}/coverage
+parallel = true
+patch = subprocess, fork, _exit
+
+[report]
+exclude_also =
+    if TYPE_CHECKING:
+    @abc.abstractmethod
+    if __name__ == "__main__":
+"""
 
 
-def recorder(folder, **options):
-    record = coverage.Coverage(source=["satsep_ot"], data_file=str(folder / "coverage"), **options)
-    for pattern in EXCLUDED:
-        record.exclude(pattern)
-    return record
+def recorder(folder):
+    file = folder / "configuration"
+    file.write_text(CONFIGURATION.format(folder=folder), encoding="utf-8")
+    return coverage.Coverage(config_file=str(file))
 
 
-def measure(folder, plain, tests):
-    record = recorder(folder, data_suffix=True)
+def run_plain(tests, plugin):
+    from satsep_ot.dynamics.rotations import rotation_matrix_elements
+
+    # The function behind a compiled one, where nothing is compiled.
+    rotation_matrix_elements.py_func = rotation_matrix_elements
+    run_tests(tests, plugin)
+
+
+def measure(folder, run, tests):
+    durations = folder / "durations.json"
+    if run == "durations":
+        plugin = Order()
+        run_plain(tests, plugin)
+        durations.write_text(json.dumps(plugin.measured | dict.fromkeys(plugin.failed, math.inf)))
+        return
+    record = recorder(folder)
     record.start()
-    if plain:
-        from satsep_ot.dynamics.rotations import rotation_matrix_elements
-
-        # The function behind a compiled one, where nothing is compiled.
-        rotation_matrix_elements.py_func = rotation_matrix_elements
-        run_tests(tests, Order())
+    if run == "plain":
+        # A test is not to be interrupted here, where the interruption may leave the record locked.
+        run_plain(tests, Order(json.loads(durations.read_text()), limit=600.0))
     else:
         pytest.main(["-q", "-p", "no:cacheprovider", "-m", "not slow", *tests])
     record.stop()
@@ -49,18 +74,19 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("tests", nargs="*", default=["tests", "satsep_ot"])
-    parser.add_argument("--run", choices=("plain", "compiled"), help=argparse.SUPPRESS)
+    parser.add_argument("--run", choices=("durations", "plain", "compiled"), help=argparse.SUPPRESS)
     options = parser.parse_intermixed_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    folder = options.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
     if options.run:
-        measure(options.folder, options.run == "plain", options.tests)
+        measure(folder, options.run, options.tests)
         return
     motion = [f"tests/test_{name}.py" for name in (*ALL_MOTION, "force_table")] + ["satsep_ot/dynamics"]
-    for run, tests in (("plain", motion), ("compiled", options.tests)):
-        environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if run == "plain" else {})
-        command = [sys.executable, __file__, str(options.folder.resolve()), "--run", run, *tests]
+    for run, tests in (("durations", motion), ("plain", motion), ("compiled", options.tests)):
+        environment = os.environ | ({} if run == "compiled" else {"NUMBA_DISABLE_JIT": "1"})
+        command = [sys.executable, __file__, str(folder), "--run", run, *tests]
         subprocess.run(command, cwd=ROOT, env=environment, check=True)
-    record = recorder(options.folder)
+    record = recorder(folder)
     record.combine(keep=True)
     print(f"$ python tests/benchmarks/line_coverage.py {' '.join(sys.argv[1:])}")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("coverage", "pytest", "numba"))

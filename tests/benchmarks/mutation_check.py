@@ -233,8 +233,9 @@ def mutants(folder, numbers, seed):
 class Order:
     """A plug-in of pytest: the quickest tests first, those that take long or fail without a mutant not at all."""
 
-    def __init__(self, durations=None):
+    def __init__(self, durations=None, limit=None):
         self.durations, self.measured, self.failed = durations, {}, []
+        self.limit = limit or (QUICK_TEST if durations is None else 4.0 * QUICK_TEST)
 
     def pytest_collectreport(self, report):
         if report.failed:
@@ -250,7 +251,7 @@ class Order:
     def pytest_runtest_call(self, item):
         # In processor time: other programs may slow this one down.
         start = time.process_time()
-        signal.setitimer(signal.ITIMER_PROF, QUICK_TEST if self.durations is None else 4.0 * QUICK_TEST)
+        signal.setitimer(signal.ITIMER_PROF, self.limit)
         try:
             return (yield)
         finally:
@@ -396,9 +397,9 @@ def first_failure_compiled(folder):
     return next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "it crashes")
 
 
-def report(folder, seed, chosen, results):
+def report(folder, chosen, results):
     lines = [
-        f"$ python tests/benchmarks/mutation_check.py FOLDER --seed {seed}",
+        f"$ python tests/benchmarks/mutation_check.py FOLDER {' '.join(sys.argv[2:])}".replace(" --report", ""),
         f"commit {(folder / 'commit').read_text()[:7]}; Python {platform.python_version()}, "
         + ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba", "openturns", "pytest")),
         "",
@@ -448,7 +449,7 @@ def main():
     kept = folder / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
     if options.report:
-        print(report(folder, options.seed, chosen, results))
+        print(report(folder, chosen, results))
         return
     durations = usual_durations(folder)
 
@@ -473,7 +474,7 @@ def main():
         start = time.monotonic()
         with applied(folder, mutant):
             keep(compiled(mutant), mutant, first_failure_compiled(folder), start)
-    print(report(folder, options.seed, chosen, results))
+    print(report(folder, chosen, results))
 
 
 if __name__ == "__main__":
