@@ -174,16 +174,7 @@ def _parser():
         "--runs", type=_positive, default=500_000, metavar="N",
         help="runs of the Monte Carlo sample, which all requirements share (default: 500000)",
     )  # fmt: skip
-    workers = study.add_mutually_exclusive_group()
-    workers.add_argument(
-        "--workers", type=_workers_number, metavar="N",
-        help="make the Monte Carlo sample in N processes of this machine (default: in threads of one); the numbers are "
-        "the same",
-    )  # fmt: skip
-    workers.add_argument(
-        "--dask", metavar="ADDRESS",
-        help="make it on the Dask cluster of the scheduler at ADDRESS, such as tcp://192.168.0.1:8786",
-    )  # fmt: skip
+    _add_worker_options(study, "make the Monte Carlo sample in N processes of this machine (default: threads of one)")
     study.add_argument(
         "--tolerances", type=_count, default=2, metavar="N",
         help="of each requirement, halve the N strongest tolerances to see what that buys (default: 2)",
@@ -221,6 +212,7 @@ def _parser():
         "--output", type=Path, default=Path("satsep-benchmark"), metavar="DIR",
         help="where to write (default: satsep-benchmark)",
     )  # fmt: skip
+    _add_worker_options(benchmark, "make N repetitions at a time, in processes of this machine (default: one)")
     _add_directory_options(benchmark)
     benchmark.add_argument("--json", action="store_true", help="print JSON instead of a table")
 
@@ -243,6 +235,17 @@ def _add_directory_options(command):
     group.add_argument(
         "--overwrite", action="store_true", help="remove the results in DIR, of this or another case, and begin anew"
     )
+
+
+def _add_worker_options(command, what):
+    group = command.add_mutually_exclusive_group()
+    group.add_argument(
+        "--workers", type=_workers_number, metavar="N", help=f"{what}; the numbers are the same"
+    )  # fmt: skip
+    group.add_argument(
+        "--dask", metavar="ADDRESS",
+        help="the same on the Dask cluster of the scheduler at ADDRESS, such as tcp://192.168.0.1:8786",
+    )  # fmt: skip
 
 
 def _positive(text):
@@ -517,7 +520,7 @@ def _study(options):
 
 @contextmanager
 def _executor(options):
-    """What makes the Monte Carlo sample: processes, a Dask cluster, or (None) threads of this process."""
+    """What makes the runs: processes, a Dask cluster, or (None) this process."""
     if options.dask is None:
         from satsep_ot.methods.executors import processes
 
@@ -579,16 +582,18 @@ def _benchmark(options):
         benchmark = ReliabilityBenchmark(tasks, options.methods, options.repetitions, options.seed)
     except ValueError as error:
         return _fail(error, 2)
-    directory = open_benchmark_directory(options.output, options.resume, options.overwrite, options.typed)
-    benchmark.setFile(options.output / "runs.jsonl")
-    try:
-        with _progress() as show:
-            keep_table = table_keeper(benchmark, options.output)
-            benchmark.setProgressCallback(lambda label, share: (show(label, share), keep_table()))
-            benchmark.run()
-        _print_benchmark(benchmark.getResult(), options)
-    finally:
-        directory.close()
+    with _executor(options) as executor:
+        benchmark.setExecutor(executor)
+        directory = open_benchmark_directory(options.output, options.resume, options.overwrite, options.typed)
+        benchmark.setFile(options.output / "runs.jsonl")
+        try:
+            with _progress() as show:
+                keep_table = table_keeper(benchmark, options.output)
+                benchmark.setProgressCallback(lambda label, share: (show(label, share), keep_table()))
+                benchmark.run()
+            _print_benchmark(benchmark.getResult(), options)
+        finally:
+            directory.close()
 
 
 def _print_benchmark(result, options):

@@ -16,7 +16,7 @@ class Twice:
 
     def __call__(self, X):
         X = np.asarray(X, dtype=float)
-        if np.any(self.where == X) and self._counted():
+        if np.any(self.where == X) and self.isDue():
             changed = self.deed(2.0 * X)
             if changed is not None:
                 return changed
@@ -25,7 +25,8 @@ class Twice:
     # A model that is asked through arrays.
     evaluate = __call__
 
-    def _counted(self):
+    def isDue(self):
+        """Whether it is to be done once more, which counts."""
         for attempt in range(self.times):
             try:
                 os.close(os.open(os.path.join(self.folder, f"deed-{attempt}"), os.O_CREAT | os.O_EXCL))

@@ -284,8 +284,8 @@ def test_a_benchmark_that_is_killed_after_any_repetition(tmp_path):
     finish("benchmark", "--output", tmp_path / "whole", *options)
     cut, runs = ["benchmark", "--output", tmp_path / "cut", *options, "--resume"], tmp_path / "cut" / "runs.jsonl"
     before = b""
-    for lines in (1, 2, 6, 11, 19):
-        benchmark = Running(tmp_path / "log", *cut)
+    for lines, workers in ((1, []), (2, ["--workers", 2]), (6, []), (9, ["--workers", 3]), (15, ["--workers", 1])):
+        benchmark = Running(tmp_path / "log", *cut, *workers)
         benchmark.wait_for(lambda lines=lines: runs.exists() and runs.read_bytes().count(b"\n") >= lines)
         benchmark.kill()
         # Nothing that was finished is lost or made again.

@@ -2,12 +2,18 @@
 
 import json
 import math
+import os
+import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import openturns as ot
 import pytest
+from mischief import Twice
 
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
+from satsep_ot.methods.chunk_scheduler import ChunkError
+from satsep_ot.methods.executors import processes
 from satsep_ot.methods.reliability_benchmark import (
     BenchmarkRow,
     BenchmarkTask,
@@ -195,6 +201,80 @@ def test_an_interrupted_benchmark_continues_where_it_was(tmp_path):
     # Nothing is left to do; another seed, another setting or another problem is.
     benchmark.run()
     assert method.calls == 4
+
+
+def without_seconds(benchmark):
+    return [{**row, "seconds": None} for row in benchmark.getResult().getTable()]
+
+
+def sampled(*more):
+    """Methods that search and draw, on a problem with components and one without."""
+    tasks = [BenchmarkTask.of(getBenchmarkProblem(name)) for name in ("RP8", "P4-d10")]
+    return ReliabilityBenchmark(tasks, ["FORM", MonteCarlo(2000), *more], 3)
+
+
+def test_threads_change_no_number_and_leave_the_generator_alone(tmp_path):
+    ot.RandomGenerator.SetSeed(7)
+    expected = ot.RandomGenerator.Generate()
+    alone, threaded = sampled(), sampled()
+    alone.run()
+    ot.RandomGenerator.SetSeed(7)
+    with ThreadPoolExecutor(3) as pool:
+        threaded.setExecutor(pool)
+        threaded.setFile(tmp_path / "runs.jsonl")
+        threaded.run()
+    assert ot.RandomGenerator.Generate() == expected
+    assert without_seconds(threaded) == without_seconds(alone)
+    assert len((tmp_path / "runs.jsonl").read_text(encoding="utf-8").splitlines()) == 12
+
+
+@pytest.mark.slow
+def test_processes_change_no_number():
+    alone, spread = sampled("ActiveSubspace"), sampled("ActiveSubspace")
+    alone.run()
+    spread.setExecutor(processes(2))
+    shares = []
+    spread.setProgressCallback(lambda label, share: shares.append(share))
+    spread.run()
+    assert without_seconds(spread) == without_seconds(alone)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+class Deadly(ReliabilityMethod):
+    """Plain counting, but the process ends, a number of times, where a file is not there."""
+
+    name = "Deadly"
+
+    def __init__(self, folder, times):
+        self.folder, self.times = str(folder), times
+
+    def __repr__(self):
+        return "Deadly()"
+
+    def run(self, problem):
+        sample = problem.event.getAntecedent().getSample(100)
+        if sample[0, 0] < 0.0 and Twice(None, 0.0, self.times, self.folder).isDue():
+            os.kill(os.getpid(), signal.SIGKILL)
+        failures = int(np.count_nonzero(problem.isFailure(np.array(sample))))
+        return Row(self.name, failures / 100.0)
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_is_replaced_and_a_repetition_that_kills_is_named(tmp_path):
+    expected = rows([Deadly(tmp_path, 0)], 6)["Deadly"]
+    path = tmp_path / "runs.jsonl"
+    with pytest.raises(
+        ChunkError, match=r"^task: Deadly with the seed \d could not be computed in 3 attempts.*worker died"
+    ):
+        rows([Deadly(tmp_path, 99)], 6, Executor=processes(2), File=path)
+    # Of six seeds some draw nothing below zero first; what was finished is kept, the rest is made.
+    assert 0 < len(path.read_text(encoding="utf-8").splitlines()) < 6
+    for deed in tmp_path.glob("deed-*"):
+        deed.unlink()
+    found = rows([Deadly(tmp_path, 2)], 6, Executor=processes(2), File=path)["Deadly"]
+    assert len(list(tmp_path.glob("deed-*"))) == 2
+    assert (found.bias, found.error, found.repetitions) == (expected.bias, expected.error, 6)
 
 
 def test_other_settings_are_not_taken_from_the_file(tmp_path):

@@ -48,6 +48,8 @@ class ChunkError(RuntimeError):
         Its rows are first to end - 1.
     failures : tuple of (str, str)
         Of each attempt the worker, where it is known, and how it ended.
+    name : str
+        What it is called in the message; empty for its rows.
     finished : dict of int to object
         Results of later chunks that had finished already, by their first row.
 
@@ -59,11 +61,12 @@ class ChunkError(RuntimeError):
 OSError: disk full (process 7 on node3)
     """
 
-    def __init__(self, first: int, end: int, failures: Sequence[tuple[str, str]]) -> None:
-        self.first, self.end, self.failures = first, end, tuple(failures)
+    def __init__(self, first: int, end: int, failures: Sequence[tuple[str, str]], name: str = "") -> None:
+        self.first, self.end, self.failures, self.name = first, end, tuple(failures), name
         self.finished: dict[int, Any] = {}
         tries = "1 attempt, which" if self.attempts == 1 else f"{self.attempts} attempts, the last of which"
-        super().__init__(f"rows {first} to {end - 1} could not be computed in {tries} ended so: {self.reason}")
+        what = name or f"rows {first} to {end - 1}"
+        super().__init__(f"{what} could not be computed in {tries} ended so: {self.reason}")
 
     @property
     def attempts(self) -> int:
@@ -82,7 +85,7 @@ OSError: disk full (process 7 on node3)
         return f"{last}{worker and f' ({worker})'}" + (f"; before it: {'; '.join(earlier)}" if earlier else "")
 
     def __reduce__(self):
-        return ChunkError, (self.first, self.end, self.failures)
+        return ChunkError, (self.first, self.end, self.failures, self.name)
 
 
 class Work:
@@ -141,17 +144,22 @@ def _withGlobals():
 
 @dataclasses.dataclass(eq=False)
 class Chunk:
-    """Rows first to end - 1, and what the work is called with for them."""
+    """Rows first to end - 1, and what the work is called with for them; named, where an error is not to say "rows"."""
 
     first: int
     end: int
     argument: Any
+    name: str = ""
     failures: list[tuple[str, str]] = dataclasses.field(default_factory=list)
     alone: bool = False
     future: Future | None = None
     executor: Executor | None = None
     submitted: float = 0.0
     started: float | None = None
+
+    def error(self, reason: str, worker: str = "") -> ChunkError:
+        """The error after one more attempt that ended so."""
+        return ChunkError(self.first, self.end, [*self.failures, (worker, reason)], self.name)
 
 
 @dataclasses.dataclass
@@ -264,8 +272,9 @@ class ChunkScheduler:
         work: Work,
         chunks: Iterable[Chunk],
         check: Callable[[Chunk, Any], str | None] = lambda chunk, result: None,
+        inOrder: bool = True,
     ) -> Iterator[tuple[Chunk, Any]]:
-        """Chunks and their results, in order.
+        """Chunks and their results.
 
         Parameters
         ----------
@@ -274,6 +283,8 @@ class ChunkScheduler:
             Taken as there is room: no more are kept than four for each worker.
         check : callable, optional
             What is wrong with the result of a chunk; None where nothing is.
+        inOrder : bool
+            Whether they come in the order of the chunks, or each as soon as it is there.
 
         Raises
         ------
@@ -285,10 +296,10 @@ class ChunkScheduler:
                 result = work.function(chunk.argument)
                 reason = check(chunk, result)
                 if reason:
-                    raise ChunkError(chunk.first, chunk.end, [("", reason)])
+                    raise chunk.error(reason)
                 yield chunk, result
         else:
-            yield from _Run(self, work, check).results(iter(chunks))
+            yield from _Run(self, work, check, inOrder).results(iter(chunks))
 
     def _current(self):
         if self._executor is None:
@@ -305,8 +316,8 @@ class ChunkScheduler:
 class _Run:
     """The state of one run on an executor."""
 
-    def __init__(self, scheduler, work, check):
-        self._scheduler, self._work, self._check = scheduler, work, check
+    def __init__(self, scheduler, work, check, inOrder):
+        self._scheduler, self._work, self._check, self._inOrder = scheduler, work, check, inOrder
         self._running = []
         self._again = []
         self._workers, self._looked, self._lonely = 1, -math.inf, None
@@ -331,8 +342,8 @@ class _Run:
                     return
                 for chunk, result in self._finished():
                     finished[waiting.pop(chunk)] = chunk, result
-                while shown in finished:
-                    yield finished.pop(shown)
+                while finished and (shown in finished or not self._inOrder):
+                    yield finished.pop(shown if self._inOrder else min(finished))
                     shown += 1
         except ChunkError as error:
             error.finished = {chunk.first: result for chunk, result in finished.values()}
@@ -360,7 +371,7 @@ class _Run:
                 raise
             chunk = self._running[0]
             reason = f"the cluster cannot be asked for its workers any more ({type(error).__name__}: {error})"
-            raise ChunkError(chunk.first, chunk.end, [*chunk.failures, ("", reason)]) from error
+            raise chunk.error(reason) from error
         if self._workers:
             self._moved = now if self._lonely is not None else self._moved
             self._lonely = None
@@ -369,7 +380,7 @@ class _Run:
         elif now - self._lonely > self._scheduler._patience and self._running:
             chunk = self._running[0]
             reason = f"the cluster has had no worker for {self._scheduler._patience:g} s"
-            raise ChunkError(chunk.first, chunk.end, [*chunk.failures, ("", reason)])
+            raise chunk.error(reason)
 
     def _mayStart(self):
         """Whether a new chunk may start: two for each worker, none beside one that must be alone."""
@@ -406,7 +417,7 @@ class _Run:
             return
         cure = "" if scheduler._factory is not None else "; give a callable that makes an executor to have it replaced"
         reason = f"the executor takes no work ({type(problem).__name__}: {problem}){cure}"
-        raise ChunkError(chunk.first, chunk.end, [*chunk.failures, ("", reason)]) from problem
+        raise chunk.error(reason) from problem
 
     def _finished(self):
         """Chunks that finished well meanwhile, with their results; the others are put back or end the run."""
@@ -465,9 +476,9 @@ class _Run:
         others = len(self._running)
         if left <= 0 and broken and others and not chunk.alone:
             reason += f"; it may have been one of the {others} chunks beside it"
-        chunk.failures.append((worker, reason))
         if left <= 0:
-            raise ChunkError(chunk.first, chunk.end, chunk.failures) from cause
+            raise chunk.error(reason, worker) from cause
+        chunk.failures.append((worker, reason))
         chunk.alone = broken and left == 1
         self._again.append(chunk)
 

@@ -28,7 +28,7 @@ _CHECKPOINT_INTERVAL = 2.0
 # Seeds of the blocks of one stream differ: OpenTURNS takes them modulo this.
 _SEEDS = 2**32
 # OpenTURNS has one random generator for all threads of a process.
-_generatorLock = threading.Lock()
+generatorLock = threading.Lock()
 
 
 @dataclasses.dataclass
@@ -111,7 +111,7 @@ class _BlockWork:
 
     def _draw(self, block):
         count = min(self.blockSize, self.size - block * self.blockSize)
-        with _generatorLock:
+        with generatorLock:
             state = ot.RandomGenerator.GetState()
             ot.RandomGenerator.SetSeed((self.seed + block) % _SEEDS)
             try:

@@ -312,7 +312,7 @@ class FunctionChunkError(ChunkError):
     """
 
     def __init__(self, error: ChunkError, rows: np.ndarray, values: np.ndarray) -> None:
-        super().__init__(error.first, error.end, error.failures)
+        super().__init__(error.first, error.end, error.failures, error.name)
         self.rows, self.values = rows, values
 
     def __reduce__(self):

@@ -7,6 +7,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,9 @@ import openturns as ot
 from scipy.special import bdtr, stdtrit
 
 from satsep_ot.methods.benchmark_problems import BenchmarkProblem
+from satsep_ot.methods.chunk_scheduler import Chunk, ChunkScheduler, Work
 from satsep_ot.methods.comparison import ReliabilityComparison, markdownTable, textTable
+from satsep_ot.methods.monte_carlo_stream import generatorLock
 from satsep_ot.methods.reliability_methods import METHODS, ReliabilityMethod, Row, makeMethod
 
 # An interval narrower than the digits of the reference is not held against a method.
@@ -208,6 +211,7 @@ class ReliabilityBenchmark:
         self._repetitions = repetitions
         self._seed = seed
         self._path = None
+        self._scheduler = ChunkScheduler()
         self._progressCallback = None
         # Rows of the repetitions, by problem and method, then by seed.
         self._known: dict[tuple[str, str], dict[int, Row]] | None = None
@@ -230,25 +234,52 @@ class ReliabilityBenchmark:
         """Called with a label and the share of all repetitions that is done, before each one and at the end."""
         self._progressCallback = callback
 
+    def setExecutor(self, executor: Executor | Callable[[], Executor] | None) -> None:
+        """What makes the repetitions, as for :class:`~satsep_ot.methods.parallel_function.ParallelFunction`.
+
+        Each follows from its seed alone: the numbers, but for the seconds, do not depend on the executor. Processes
+        suit best; the threads of a process take turns, since they share OpenTURNS' random generator.
+        """
+        self._scheduler = ChunkScheduler(executor)
+
+    def getScheduler(self) -> ChunkScheduler:
+        """The :class:`~satsep_ot.methods.chunk_scheduler.ChunkScheduler`, for time limit and attempts."""
+        return self._scheduler
+
     def run(self) -> None:
-        """Make the repetitions that are not in the file."""
+        """Make the repetitions that are not in the file.
+
+        Raises
+        ------
+        ChunkError
+            With an executor: a repetition could not be made, since its worker dies or hangs.
+        """
         self._known = known = {}
-        total, done = len(self._tasks) * len(self._methods) * self._repetitions, 0
-        state = ot.RandomGenerator.GetState()
+        self._read(known)
+        pairs = [(task, method) for task in self._tasks for method in self._methods]
+        # Seed by seed: an interruption leaves every method with about as many repetitions.
+        wanted = [
+            (place, seed) for seed in range(self._seed, self._seed + self._repetitions) for place in range(len(pairs))
+        ]
+        rows = [known.setdefault((task.name, repr(method)), {}) for task, method in pairs]
+        missing = [(place, seed) for place, seed in wanted if seed not in rows[place]]
+        done = len(wanted) - len(missing)
+
+        def chunks():
+            for number, (place, seed) in enumerate(missing):
+                task, method = pairs[place]
+                self._report(f"{task.name}: {method.name}", done / len(wanted))
+                yield Chunk(number, number + 1, (place, seed), f"{task.name}: {method.name} with the seed {seed}")
+
         try:
-            self._read(known)
-            # Seed by seed: an interruption leaves every method with about as many repetitions.
-            for seed in range(self._seed, self._seed + self._repetitions):
-                for task in self._tasks:
-                    for method in self._methods:
-                        self._report(f"{task.name}: {method.name}", done / total)
-                        rows = known.setdefault((task.name, repr(method)), {})
-                        if seed not in rows:
-                            rows[seed] = _repetition(task, method, seed)
-                            self._append(task, method, seed, rows[seed])
-                        done += 1
+            for chunk, row in self._scheduler.run(Work(_Repetitions(pairs)), chunks(), inOrder=False):
+                place, seed = chunk.argument
+                rows[place][seed] = row
+                task, method = pairs[place]
+                self._append(task, method, seed, row)
+                done += 1
         finally:
-            ot.RandomGenerator.SetState(state)
+            self._scheduler.close()
         self._report("done", 1.0)
 
     def getResult(self) -> "ReliabilityBenchmarkResult":
@@ -296,6 +327,23 @@ class ReliabilityBenchmark:
                 row.rank = place
             summaries += mine
         return summaries
+
+
+class _Repetitions:
+    """Makes the repetition of a pair of task and method with a seed: what a worker does."""
+
+    def __init__(self, pairs):
+        self.pairs = pairs
+
+    def __call__(self, argument):
+        place, seed = argument
+        task, method = self.pairs[place]
+        with generatorLock:
+            state = ot.RandomGenerator.GetState()
+            try:
+                return _repetition(task, method, seed)
+            finally:
+                ot.RandomGenerator.SetState(state)
 
 
 def _repetition(task, method, seed):
