@@ -251,10 +251,13 @@ class Order:
     def pytest_runtest_call(self, item):
         # In processor time: other programs may slow this one down.
         start = time.process_time()
+        signal.signal(signal.SIGPROF, end_test)
         signal.setitimer(signal.ITIMER_PROF, self.limit)
         try:
             return (yield)
         finally:
+            # First this: one that comes at the last moment would end pytest.
+            signal.signal(signal.SIGPROF, signal.SIG_IGN)
             signal.setitimer(signal.ITIMER_PROF, 0.0)
             self.measured[item.nodeid] = time.process_time() - start
 
@@ -318,7 +321,6 @@ def run_tests(files, plugin, *options):
         "-W",
         "ignore::RuntimeWarning",
     ]
-    signal.signal(signal.SIGPROF, end_test)
     pytest.main([*common, *options, *files], plugins=[plugin])
     package = sys.modules.get("satsep_ot")
     assert package is None or Path(package.__file__).is_relative_to(Path.cwd()), package.__file__
