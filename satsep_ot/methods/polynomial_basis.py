@@ -280,6 +280,11 @@ def number_of_terms(dimension: int, degree: int) -> int:
     return math.comb(dimension + degree, degree)
 
 
+# Arguments of the two constructors, in their order, that are kept in a file.
+_BASIS_FIELDS = ("dimension", "degree", "norm", "recurrence")
+_FIT_FIELDS = ("weights", "coefficients", "factor", "rank", "condition")
+
+
 class PolynomialFit:
     """A polynomial fitted by weighted least squares; made by :func:`fit_polynomial`.
 
@@ -316,6 +321,30 @@ class PolynomialFit:
         self._values = values
         self.weights = weights
         self.factor = factor
+
+    def fields(self) -> dict[str, Any]:
+        """Numbers and arrays that make it again with :meth:`of`, but for the training points."""
+        fields = {name: getattr(self.basis, name) for name in ("dimension", "degree", "norm", "recurrence")}
+        return fields | {
+            name: getattr(self, name) for name in ("weights", "coefficients", "factor", "rank", "condition")
+        }
+
+    @staticmethod
+    def of(fields: dict[str, Any], points: np.ndarray, values: np.ndarray) -> "PolynomialFit":
+        """The fit of :meth:`fields`, which may hold other names as well, to its training points and values.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from satsep_ot.methods.polynomial_basis import PolynomialBasis, PolynomialFit, fit_polynomial
+        >>> points = np.linspace(-2.0, 2.0, 9)[:, None]
+        >>> fit = fit_polynomial(PolynomialBasis(1, 2), points, np.exp(points[:, 0]))
+        >>> again = PolynomialFit.of(fit.fields(), points, np.exp(points[:, 0]))
+        >>> bool(np.all(again.leave_one_out() == fit.leave_one_out()))
+        True
+        """
+        basis = PolynomialBasis(*(fields[name] for name in _BASIS_FIELDS))
+        return PolynomialFit(basis, points, values, *(fields[name] for name in _FIT_FIELDS))
 
     @functools.cached_property
     def residuals(self) -> np.ndarray:

@@ -596,12 +596,9 @@ class MultivariatePolynomialRegressionResult:
         path : str or path
             Ends on ``.npz``.
         """
-        fit = self._fit
         fields = {"law": self._reduction.law, "centre": self._reduction.centre, "slope": self._reduction.slope}
         fields |= {"points": self._points, "values": self._values, "descriptions": self._descriptions}
-        fields |= {name: getattr(fit.basis, name) for name in ("dimension", "degree", "norm", "recurrence")}
-        fields |= {name: getattr(fit, name) for name in ("weights", "coefficients", "factor", "rank", "condition")}
-        writeResult(path, _FORMAT, fields)
+        writeResult(path, _FORMAT, fields | self._fit.fields())
 
     @staticmethod
     def load(path: str | os.PathLike) -> "MultivariatePolynomialRegressionResult":
@@ -617,9 +614,8 @@ class MultivariatePolynomialRegressionResult:
             The file is not such a result.
         """
         fields = readResult(path, _FORMAT, objects={"law": ot.Distribution()})
-        reduction = _Reduction.of(fields.pop("law"))
-        reduction.centre, reduction.slope = fields.pop("centre"), fields.pop("slope")
-        points, values, descriptions = (fields.pop(name) for name in ("points", "values", "descriptions"))
-        basis = PolynomialBasis(*(fields.pop(name) for name in ("dimension", "degree", "norm", "recurrence")))
-        fit = PolynomialFit(basis, reduction.apply(points), values, **fields)
-        return MultivariatePolynomialRegressionResult(fit, points, values, reduction, descriptions)
+        reduction = _Reduction.of(fields["law"])
+        reduction.centre, reduction.slope = fields["centre"], fields["slope"]
+        points, values = fields["points"], fields["values"]
+        fit = PolynomialFit.of(fields, reduction.apply(points), values)
+        return MultivariatePolynomialRegressionResult(fit, points, values, reduction, fields["descriptions"])

@@ -1,6 +1,7 @@
 """Ridge approximation: active subspace and surrogate of a function from its values alone."""
 
 import math
+import os
 
 import numpy as np
 import openturns as ot
@@ -11,14 +12,18 @@ from satsep_ot.methods.active_variables import (
     drawSufficientSummary,
     inverseActiveTransformation,
 )
+from satsep_ot.methods.polynomial_basis import PolynomialFit
 from satsep_ot.methods.polynomial_regression import (
     MultivariatePolynomialRegression,
     MultivariatePolynomialRegressionResult,
     shuffled_folds,
 )
+from satsep_ot.methods.result_storage import readResult, writeResult
 from satsep_ot.methods.single_thread import singleThread
 from satsep_ot.methods.standard_space import StandardSpace
 from satsep_ot.methods.variable_projection import RidgeFit, cross_validate_ridge, fit_ridge
+
+_FORMAT = "RidgeApproximationResult 1"
 
 
 class RidgeApproximation:
@@ -327,3 +332,44 @@ class RidgeApproximationResult:
             raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
         active = self._points @ self._fit.directions
         return drawSufficientSummary(active, self._values[:, output], self._weights, f"output {output}", level)
+
+    def save(self, path: str | os.PathLike) -> None:
+        """Write the result to one file, whole or not at all: arrays, and the distribution as OpenTURNS' XML.
+
+        What is loaded answers everything as this result does, to the last bit. For the surrogate alone put
+        :meth:`getMetaModel` into an :py:class:`openturns.Study`.
+
+        Parameters
+        ----------
+        path : str or path
+            Ends on ``.npz``.
+        """
+        fit = self._fit
+        fields = {"distribution": self._space.getDistribution(), "physical": self._physical, "points": self._points}
+        fields |= {"values": self._values, "highestDegree": self._degree}
+        fields |= {name: getattr(fit, name) for name in ("directions", "loss", "converged", "iterations")}
+        fields["q2"] = [[*pair, value] for pair, value in self._q2.items()]
+        writeResult(path, _FORMAT, fields | fit.polynomial.fields())
+
+    @staticmethod
+    def load(path: str | os.PathLike) -> "RidgeApproximationResult":
+        """The result that `save` has written.
+
+        Parameters
+        ----------
+        path : str or path
+
+        Raises
+        ------
+        ValueError
+            The file is not such a result.
+        """
+        fields = readResult(path, _FORMAT, objects={"distribution": ot.Distribution()})
+        points, values, directions = fields["points"], fields["values"], fields["directions"]
+        polynomial = PolynomialFit.of(fields, points @ directions, values)
+        fit = RidgeFit(directions, polynomial, *(fields[name] for name in ("loss", "converged", "iterations")))
+        q2 = {(r, degree): value for r, degree, value in fields["q2"]}
+        return RidgeApproximationResult(
+            StandardSpace(fields["distribution"]), fields["physical"], points, values, fields["weights"], fit,
+            fields["highestDegree"], q2,
+        )  # fmt: skip
