@@ -644,3 +644,15 @@ def test_bands_are_reflected_unless_too_few_replicates_resolve_the_value():
     plain = np.quantile(replicates, [0.0005, 0.9995], axis=0)
     assert [lower[0], upper[0]] == pytest.approx([1.0 / plain[1, 0], 1.0 / plain[0, 0]])
     assert [lower[1], upper[1]] == pytest.approx(plain[:, 1].tolist())
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
+def test_equal_eigenvalues_are_a_group_in_any_unit_and_those_that_are_rounding_are_none(scale):
+    directions = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0]
+    slopes = np.random.default_rng(1).normal(size=(200, 4)) * [3.0, 1.0, 1.0, 0.0]
+    points = np.random.default_rng(2).normal(size=(200, 4))
+    algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+        ot.Normal(4), points, points[:, :1], scale * slopes @ directions
+    )
+    algorithm.run()
+    assert algorithm.getResult().getRepeatedGroups() == [[1, 2]]
