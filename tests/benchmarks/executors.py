@@ -1,19 +1,24 @@
 """Executors: a slow model on one and two workers, the simulator at ten million runs, on one process and on Dask.
 
     python tests/benchmarks/executors.py slow      a model of 50 ms a point, on threads, processes and Dask
+    python tests/benchmarks/executors.py slow computes processes        only that of these, in a minute
     python tests/benchmarks/executors.py runs      100,000, a million and ten million runs in one process
     python tests/benchmarks/executors.py workers   a million runs in place, in two processes and on two Dask workers
-
     python tests/benchmarks/executors.py chunks    what handing out a chunk costs this process
 
-Ratios are interleaved, the best of three. "Waits" sleeps for 50 ms, as for another program; "computes" counts for 50 ms
-of processor time, and so needs a free processor for each worker.
+"Waits" sleeps for 50 ms, as for another program. "Computes" is a loop that takes 50 ms on one free processor, and so
+needs a free processor for each worker. What the machine has to give at that moment is measured beside it: two bare
+Python processes that do nothing but the same loop, half as often each, against one of them. One worker, two workers,
+one process and two take turns; each round gives ratios of its own, of which the median and the range are printed.
 """
 
 import contextlib
+import functools
+import inspect
 import logging
 import os
 import resource
+import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +33,15 @@ from satsep_ot.methods.parallel_function import ParallelFunction
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
-POINTS = np.arange(60.0)[:, None]
+POINTS = np.arange(40.0)[:, None]
+ROUNDS = 7
+
+
+def spin(steps):
+    total = 0.0
+    for step in range(steps):
+        total += 0.5 * step
+    return total
 
 
 def waits(x):
@@ -36,11 +49,56 @@ def waits(x):
     return [2.0 * x[0]]
 
 
-def computes(x):
-    end = time.thread_time() + 0.05
-    while time.thread_time() < end:
-        pass
-    return [2.0 * x[0]]
+class Computes:
+    """The loop, as often as takes 50 ms here."""
+
+    __name__ = "computes"
+
+    def __init__(self):
+        self.steps, seconds = 1 << 14, 0.0
+        while seconds < 0.05:
+            self.steps, begin = 2 * self.steps, time.process_time()
+            spin(self.steps)
+            seconds = time.process_time() - begin
+        self.steps = int(self.steps * 0.05 / seconds)
+
+    def __call__(self, x):
+        spin(self.steps)
+        return [2.0 * x[0]]
+
+
+# Runs the loop as often as a line of its input says.
+BARE = """
+import sys
+{spin}
+for line in sys.stdin:
+    for _ in range(int(line)):
+        spin({steps})
+    print(flush=True)
+"""
+
+
+class Bare:
+    """Bare Python processes beside each other that share the evaluations."""
+
+    def __init__(self, number, steps):
+        code = BARE.format(spin=inspect.getsource(spin), steps=steps)
+        options = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+        self.processes = [subprocess.Popen([sys.executable, "-c", code], **options) for _ in range(number)]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        for process in self.processes:
+            process.stdin.close()
+            process.wait()
+
+    def run(self, size):
+        for process in self.processes:
+            print(size // len(self.processes), file=process.stdin, flush=True)
+        for process in self.processes:
+            process.stdout.readline()
 
 
 @contextlib.contextmanager
@@ -55,29 +113,57 @@ def dask(workers):
         yield executor
 
 
-def slow():
+def slow(*wanted):
     executors = {"threads": ThreadPoolExecutor, "processes": lambda number: processes(number)(), "Dask": dask}
-    for model in (waits, computes):
+    for model in (waits, Computes()):
         for name, make in executors.items():
-            if model is computes and name == "threads":
-                # Python runs one thread at a time.
+            computes = model is not waits
+            # Python runs one thread at a time.
+            if (computes and name == "threads") or not set(wanted) <= {model.__name__, name}:
                 continue
-            with make(1) as one, make(2) as two:
-                best = dict.fromkeys((one, two), np.inf)
-                functions = {executor: ParallelFunction(ot.PythonFunction(1, 1, model), executor) for executor in best}
-                for function in functions.values():
-                    function.setChunkSize(1)
-                    function.evaluate(POINTS[:6])
-                for _ in range(3):
-                    for executor, function in functions.items():
-                        begin = time.perf_counter()
-                        assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
-                        best[executor] = min(best[executor], time.perf_counter() - begin)
+            with make(1) as one, make(2) as two, contextlib.ExitStack() as bare:
+                batches = {}
+                for number, executor in ((1, one), (2, two)):
+                    function = ParallelFunction(ot.PythonFunction(1, 1, model), executor)
+                    batches[number] = functools.partial(evaluated, function)
+                    function.evaluate(POINTS[: 2 * number])
+                    if computes:
+                        pair = bare.enter_context(Bare(number, model.steps))
+                        pair.run(number)
+                        batches[-number] = functools.partial(pair.run, len(POINTS))
+                used = time.process_time()
+                rounds = [{key: seconds(batch) for key, batch in batches.items()} for _ in range(ROUNDS)]
+                used = (time.process_time() - used) / (2 * ROUNDS)
+            ratios = [times[1] / times[2] for times in rounds]
+            alone, shared = (np.median([times[number] for times in rounds]) for number in (1, 2))
             print(
-                f"{model.__name__:8s} {name:9s} {len(POINTS)} points of 50 ms, one a chunk: "
-                f"one worker {best[one]:.2f} s, two {best[two]:.2f} s, {best[one] / best[two]:.2f} times as fast",
+                f"{model.__name__:8s} {name:9s} {len(POINTS)} points of 50 ms: one worker {alone:.2f} s, "
+                f"two {shared:.2f} s, {spread(ratios)} times as fast;\n"
+                f"         this process itself used {1e3 * used:.0f} ms a batch",
                 flush=True,
             )
+            if computes:
+                given = [times[-1] / times[-2] for times in rounds]
+                shares = [100.0 * mine / theirs for mine, theirs in zip(ratios, given, strict=True)]
+                print(
+                    f"         two bare processes beside each other: {spread(given)} times as fast as one; "
+                    f"of that the workers have {spread(shares, 0)} %",
+                    flush=True,
+                )
+
+
+def evaluated(function):
+    assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
+
+
+def seconds(batch):
+    begin = time.perf_counter()
+    batch()
+    return time.perf_counter() - begin
+
+
+def spread(values, digits=2):
+    return f"{np.median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})"
 
 
 def stream(size, executor=None):
@@ -152,5 +238,5 @@ if __name__ == "__main__":
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in packages)
     load = os.getloadavg()[0]
     print(f"{versions}, Python {sys.version.split()[0]}; {os.cpu_count()} cores, load {load:.1f} before; seed 0")
-    {"slow": slow, "runs": runs, "workers": workers, "chunks": chunks}[sys.argv[1]]()
+    {"slow": slow, "runs": runs, "workers": workers, "chunks": chunks}[sys.argv[1]](*sys.argv[2:])
     print(f"load {os.getloadavg()[0]:.1f} at the end")
