@@ -655,4 +655,28 @@ def test_equal_eigenvalues_are_a_group_in_any_unit_and_those_that_are_rounding_a
         ot.Normal(4), points, points[:, :1], scale * slopes @ directions
     )
     algorithm.run()
-    assert algorithm.getResult().getRepeatedGroups() == [[1, 2]]
+    result = algorithm.getResult()
+    assert result.getRepeatedGroups() == [[1, 2]]
+    assert 0.0 < result.getEigenvalues()[3] < 1e-25 * result.getEigenvalues()[0]
+    assert "1 of 4 are 0" in result.drawEigenvalues().getTitle()
+
+
+BAD_WEIGHTS = [[1.0, 1.0, math.nan], [1.0, math.inf, 1.0], [1.0, -1.0, 1.0], [0.0, 0.0, 0.0], [1.0, 1.0]]
+
+
+@pytest.mark.parametrize("weights", BAD_WEIGHTS)
+def test_weights_that_are_none_are_refused(weights):
+    points = np.eye(3)
+    with pytest.raises(ValueError, match="weights must be 3 finite numbers >= 0"):
+        ActiveSubspaceAlgorithm.FromGradientSample(ot.Normal(3), points, points[:, :1], points, weights)
+    algorithm = ActiveSubspaceAlgorithm(ot.SymbolicFunction(["a"], ["a"]), ot.Normal())
+    algorithm.setSamplingSize(3)
+    algorithm.setWeightFunction(lambda values: weights)
+    with pytest.raises(ValueError, match="one finite number >= 0 for each point"):
+        algorithm.run()
+
+
+def test_subspaces_of_different_dimensions_are_as_far_from_each_other_as_can_be():
+    assert subspace_distance(np.eye(3)[:, :1], np.eye(3)[:, :2]) == 1.0
+    assert subspace_distance(np.eye(3)[:, :1], np.eye(3)[:, 1:2]) == 1.0
+    assert subspace_distance(np.eye(3)[:, :0], np.eye(3)[:, :0]) == 0.0

@@ -357,3 +357,14 @@ def test_hyperbolic_set_rank_and_leverages():
         assert leverages.max() < 1.0
     with pytest.raises(ValueError, match=r"in \(0, 1\], got 1.5"):
         fitted(LAWS["normal"], setHyperbolicNorm=1.5)
+
+
+def test_a_row_with_one_number_that_is_not_finite_is_named():
+    inputs = np.arange(12.0).reshape(6, 2)
+    for row, column in ((3, 0), (3, 1)):
+        spoilt = inputs.copy()
+        spoilt[row, column] = np.nan
+        with pytest.raises(ValueError, match=r"inputs must be finite, but 1 of 6 rows are not, the first is row 3"):
+            MultivariatePolynomialRegression(spoilt, inputs)
+        with pytest.raises(ValueError, match=r"outputs must be finite, but 1 of 6 rows are not, the first is row 3"):
+            MultivariatePolynomialRegression(inputs, spoilt)

@@ -18,6 +18,7 @@ import math
 import os
 import platform
 import random
+import re
 import resource
 import signal
 import subprocess
@@ -96,6 +97,21 @@ EQUIVALENT = {
         "factor = np.zeros((1, 1))",
         "factor = np.zeros((1, 2))",
     ): "of this placeholder only the diagonal is looked at, and it is 0 either way",
+    (
+        "methods/subspace_estimation.py",
+        "ROWS_FOR_CHOLESKY = 4",
+        "ROWS_FOR_CHOLESKY = 5",
+    ): "from which size on the quicker of two ways is taken, which give the same",
+    (
+        "methods/active_subspace_result.py",
+        "gradients, bootstrapSize, max(self._largest, dimension or 0), self._scales, weights",
+        "gradients, bootstrapSize, max(self._largest, dimension or 1), self._scales, weights",
+    ): "the other number is never smaller than 1",
+    (
+        "methods/standard_space.py",
+        "CHECK_LEVELS = (0.5, 0.84, 0.05)",
+        "CHECK_LEVELS = (0.5, 0.84, 0.1)",
+    ): "one of the points at which a transformation is checked, for which any other serves",
     (
         "methods/subspace_estimation.py",
         "block = max(1, 4_000_000 // (max(d, len(rows)) * d))",
@@ -233,8 +249,8 @@ def mutants(folder, numbers, seed):
 class Order:
     """A plug-in of pytest: the quickest tests first, those that take long or fail without a mutant not at all."""
 
-    def __init__(self, durations=None, limit=None):
-        self.durations, self.measured, self.failed = durations, {}, []
+    def __init__(self, durations=None, limit=None, first=None):
+        self.durations, self.first, self.measured, self.failed = durations, first, {}, []
         self.limit = limit or (QUICK_TEST if durations is None else 4.0 * QUICK_TEST)
 
     def pytest_collectreport(self, report):
@@ -245,7 +261,7 @@ class Order:
         items[:] = [item for item in items if not item.name.endswith(TIMED_TESTS)]
         if self.durations is not None:
             items[:] = [item for item in items if self.durations.get(item.nodeid, math.inf) < QUICK_TEST]
-            items.sort(key=lambda item: self.durations[item.nodeid])
+            items.sort(key=lambda item: (item.nodeid != self.first, self.durations[item.nodeid]))
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item):
@@ -371,11 +387,11 @@ def applied(folder, mutant):
         path.write_bytes(content)
 
 
-def noticed(folder, mutant, durations):
+def noticed(folder, mutant, durations, first):
     """The first test that fails, "" if none does."""
 
     def check():
-        plugin = Order(durations)
+        plugin = Order(durations, first=first)
         run_tests(tests_of(mutant["path"]), plugin, "-x")
         return plugin.failed[0] if plugin.failed else ""
 
@@ -400,8 +416,9 @@ def first_failure_compiled(folder):
 
 
 def report(folder, chosen, results):
+    arguments = " ".join(sys.argv[2:])
     lines = [
-        f"$ python tests/benchmarks/mutation_check.py FOLDER {' '.join(sys.argv[2:])}".replace(" --report", ""),
+        f"$ python tests/benchmarks/mutation_check.py FOLDER {re.sub(' ?--(report|hints [^ ]+)', '', arguments)}",
         f"commit {(folder / 'commit').read_text()[:7]}; Python {platform.python_version()}, "
         + ", ".join(f"{name} {metadata.version(name)}" for name in ("numpy", "numba", "openturns", "pytest")),
         "",
@@ -444,6 +461,7 @@ def main():
     parser.add_argument("--dynamics", type=int, default=50)
     parser.add_argument("--methods", type=int, default=80)
     parser.add_argument("--report", action="store_true", help="print what is known so far")
+    parser.add_argument("--hints", type=Path, help="an earlier folder: what noticed a mutant there is run first here")
     options = parser.parse_args()
     folder = options.folder.resolve()
     prepare(folder)
@@ -454,6 +472,7 @@ def main():
         print(report(folder, chosen, results))
         return
     durations = usual_durations(folder)
+    hints = json.loads((options.hints / "results.json").read_text()) if options.hints else {}
 
     def keep(name, mutant, answer, start):
         results[name] = answer
@@ -467,7 +486,7 @@ def main():
     for mutant in chosen:
         if key(mutant) not in results:
             start = time.monotonic()
-            keep(key(mutant), mutant, noticed(folder, mutant, durations), start)
+            keep(key(mutant), mutant, noticed(folder, mutant, durations, hints.get(key(mutant))), start)
     left = [mutant for mutant in chosen if "dynamics" in mutant["path"] and not results[key(mutant)]]
     left = [mutant for mutant in left if not why_equivalent(mutant) and compiled(mutant) not in results]
     if left and (failure := first_failure_compiled(folder)):
