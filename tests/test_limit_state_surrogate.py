@@ -138,10 +138,12 @@ def test_the_error_of_the_limit_state_is_that_of_its_components_together():
     assert value[0] == pytest.approx(3.0)
     assert scale[0] == pytest.approx(math.hypot(2.0 * errors[0], errors[1]))
     # A composition that does not look at its components is certain to rounding, and not divided by 0.
-    flat = surrogate(u, u[:, 0], margin=lambda v: np.full(len(v), -5.0))
-    value, scale = flat.limitState(flat.reduce(u[:2]))
+    flat = surrogate(u, u[:, 0], margin=lambda v: np.where(v[:, 0] > 0.0, -5.0, 2.0))
+    value, scale = flat.limitState(flat.reduce(np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])))
     np.testing.assert_allclose(scale, 5e-12)
-    assert (norm.cdf(-value / scale) == 1.0).all()
+    np.testing.assert_array_equal(norm.cdf(-value / scale), [1.0, 0.0])
+    nothing = surrogate(u, u[:, 0], margin=lambda v: np.zeros(len(v)))
+    assert (nothing.limitState(nothing.reduce(u[:2]))[1] > 0.0).all()
 
 
 def test_a_search_takes_the_error_of_the_points_that_are_nearest_to_the_limit():
