@@ -680,3 +680,13 @@ def test_subspaces_of_different_dimensions_are_as_far_from_each_other_as_can_be(
     assert subspace_distance(np.eye(3)[:, :1], np.eye(3)[:, :2]) == 1.0
     assert subspace_distance(np.eye(3)[:, :1], np.eye(3)[:, 1:2]) == 1.0
     assert subspace_distance(np.eye(3)[:, :0], np.eye(3)[:, :0]) == 0.0
+
+
+@pytest.mark.parametrize("method", ["CentralDifference", "ForwardDifference"])
+def test_a_single_gradient_by_differences(method):
+    law = ot.Normal(2)
+    result = result_of(
+        ot.SymbolicFunction(["a", "b"], ["3 * a + 4 * b"]), law, setGradientMethod=method, setSamplingSize=1
+    )
+    np.testing.assert_allclose(result.getGradientSample()[0, :, 0], [3.0, 4.0], rtol=1e-5)
+    assert result.getNoise() is not None

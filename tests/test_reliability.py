@@ -1033,3 +1033,48 @@ def test_a_probability_below_what_the_runs_can_exclude_says_so():
     algorithm.run()
     assert algorithm.getResult().getProbabilityEstimate() > algorithm.getResult().getDiagnostics()["unseen bound"]
     assert "pointed at" not in algorithm.getResult().getReason()
+
+
+def systemOf(*limits, size=300, **attributes):
+    """An algorithm whose surrogate is that of a series system of so many normal variables with these limits."""
+    u = np.random.default_rng(0).standard_normal((size, len(limits) + 1))
+    surrogate = LimitStateSurrogate(u, u[:, : len(limits)], lambda v: (np.array(limits) - v).min(axis=1), np.ones(size))
+    return bare(
+        surrogate=surrogate,
+        generator=np.random.default_rng(0),
+        limitState=SimpleNamespace(nonFiniteNumber=0),
+        **attributes,
+    )
+
+
+def test_each_mode_of_a_system_has_runs_in_proportion_to_its_probability():
+    limits = np.array([2.5, 3.0, 3.5, 4.5])
+    algorithm = systemOf(*limits)
+    modes = algorithm._modes()
+    shares = norm.sf(limits) / norm.sf(limits).sum()
+    # One that the others hide gets a hundredth of the runs all the same.
+    shares[3] = 0.01
+    np.testing.assert_allclose(modes.shares, shares / shares.sum(), rtol=0.25)
+    assert modes.shares.sum() == pytest.approx(1.0)
+    for index, (basis, mixture) in enumerate(zip(modes.bases, modes.mixtures, strict=True)):
+        direction = algorithm._surrogate.directions @ basis
+        np.testing.assert_allclose(np.abs(direction[:, 0]), np.eye(5)[index], atol=1e-9)
+        # Nine tenths of a mode's points are beyond or near its limit.
+        y = mixture.sample(2000, np.random.default_rng(1)) * direction[index, 0]
+        assert 0.6 < (y > limits[index] - 0.5).mean() < 0.95
+    proposal = algorithm._propose()
+    assert proposal.probability == pytest.approx(1.0 - norm.cdf(limits).prod(), rel=0.05)
+
+
+@pytest.mark.parametrize(("number", "apart"), [(2, False), (3, False), (4, True)])
+def test_only_more_than_three_directions_are_searched_mode_by_mode(monkeypatch, number, apart):
+    asked = []
+    monkeypatch.setattr(ActiveSubspaceReliability, "_modes", lambda self: asked.append(True))
+    assert systemOf(*[3.0] * number)._propose().probability == pytest.approx(number * norm.sf(3.0), rel=0.1)
+    assert bool(asked) == apart
+
+
+def test_components_that_fail_together_have_no_modes_of_their_own():
+    algorithm = systemOf(3.0, 3.0, 3.0, 3.0)
+    algorithm._surrogate.margin = lambda v: 4.0 - np.linalg.norm(v, axis=1)
+    assert algorithm._modes() is None

@@ -78,6 +78,11 @@ FILES = {
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
     (
+        "dynamics/relative_orbit.py",
+        "if square < smallest:",
+        "if square <= smallest:",
+    ): "of two places that are equally near, either is the answer",
+    (
         "methods/limit_state_surrogate.py",
         "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))",
         "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 2e-300))",
