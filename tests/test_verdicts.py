@@ -1,7 +1,10 @@
 """The verdict on a requirement: by an interval that is chosen beforehand, and by both where they do not overlap."""
 
+import numpy as np
 import pytest
+from scipy import stats
 
+from satsep_ot.methods.reliability_result import clopperPearson
 from satsep_ot.studies.verdicts import best_row, contradiction, judge
 
 
@@ -69,3 +72,16 @@ def test_an_estimate_that_did_not_converge_contradicts_nobody():
     assert contradiction([{**ACTIVE, "converged": False}, row("MonteCarlo", 3e-3, 4e-3)]) == ""
     assert judge("spin", [{**ACTIVE, "converged": False}, row("MonteCarlo", 3e-3, 4e-3)], 4e-3).status == "met"
     assert judge("spin", [FORM], 4e-3).status == "no estimate"
+
+
+def test_the_interval_of_monte_carlo_holds_the_truth_as_often_as_the_report_says():
+    runs = 100_000
+    counts = np.arange(100)
+    lower, upper = np.array([clopperPearson(int(count), runs) for count in counts]).T
+    expected = np.concatenate([np.linspace(0.01, 40.0, 2000), np.linspace(2.99, 3.5, 500)])
+    probability = expected[:, None] / runs
+    inside = (lower <= probability) & (probability <= upper)
+    coverage = (stats.binom.pmf(counts, runs, probability) * inside).sum(axis=1)
+    one_sided = (expected > 2.99) & (expected < 3.5)
+    assert coverage[~one_sided].min() >= 0.95
+    assert round(coverage[one_sided].min(), 3) == 0.938
