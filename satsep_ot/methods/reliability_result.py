@@ -27,7 +27,7 @@ def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float
     """Exact interval of a binomial probability (Clopper and Pearson, Biometrika 1934).
 
     With no failure the lower bound is 0 and the upper bound is one-sided at the same level, about 3 / runs at 95 %.
-    So an interval of 95 % holds the probability in at least 95 % of the samples, but in 93.8 % at the worst where 3.0 to
+    So an interval of 95 % holds the probability in at least 95 % of samples, but in 93.8 % at the worst where 3.0 to
     3.5 failures are expected.
 
     Examples
