@@ -368,3 +368,29 @@ def test_a_row_with_one_number_that_is_not_finite_is_named():
             MultivariatePolynomialRegression(spoilt, inputs)
         with pytest.raises(ValueError, match=r"outputs must be finite, but 1 of 6 rows are not, the first is row 3"):
             MultivariatePolynomialRegression(inputs, spoilt)
+
+
+def test_the_smallest_degree_within_one_standard_error_is_taken():
+    ot.RandomGenerator.SetSeed(2)
+    inputs = np.array(ot.Normal(1).getSample(300))
+    noise = np.array(ot.Normal(1).getSample(300))
+    # The mean squared error of a line is 1 + 2 bend^2 beside 1, whose standard error is 0.08.
+    for bend, degree in ((0.05, 1), (0.5, 2)):
+        regression = MultivariatePolynomialRegression(inputs, inputs + bend * inputs**2 + noise, ot.Normal(1))
+        errors = regression.selectDegree()
+        assert regression.getDegree() == degree
+        # In units of the outputs' standard deviation; degree 0 predicts their mean.
+        assert list(errors) == [0, 1, 2, 3, 4]
+        assert errors[0] == pytest.approx(1.0, abs=0.02)
+        spread = np.std(inputs + bend * inputs**2 + noise)
+        assert errors[1] == pytest.approx(np.sqrt(1.0 + 2.0 * bend**2) / spread, rel=0.1)
+
+
+def test_degrees_are_compared_where_there_are_two_points_for_each_term():
+    inputs = np.linspace(-2.0, 2.0, 9)[:, None]
+    regression = MultivariatePolynomialRegression(inputs, inputs**2, ot.Normal(1))
+    assert list(regression.selectDegree(highest=6)) == [0, 1, 2, 3]
+    regression = MultivariatePolynomialRegression(inputs[:8], inputs[:8] ** 2, ot.Normal(1))
+    assert list(regression.selectDegree(highest=6)) == [0, 1, 2, 3]
+    regression = MultivariatePolynomialRegression(inputs[:7], inputs[:7] ** 2, ot.Normal(1))
+    assert list(regression.selectDegree(highest=6)) == [0, 1, 2]

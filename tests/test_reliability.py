@@ -1078,3 +1078,112 @@ def test_components_that_fail_together_have_no_modes_of_their_own():
     algorithm = systemOf(3.0, 3.0, 3.0, 3.0)
     algorithm._surrogate.margin = lambda v: 4.0 - np.linalg.norm(v, axis=1)
     assert algorithm._modes() is None
+
+
+def learningBlocks(told, maximum=5000, mode="fast"):
+    """How many blocks are learnt from where each refit's proposal is (probability, runs needed, trusted) as told.
+
+    200 runs are needed for failures; the last that is told stays.
+    """
+    blocks, degrees = [], []
+    algorithm = bare(blockSize=40, phases={"learning": 10}, generator=None)
+    algorithm.setMaximumEvaluations(maximum)
+    algorithm.setMode(mode)
+
+    def current():
+        return told[min(max(len(blocks) - 1, 0), len(told) - 1)]
+
+    def evaluate(size, phase):
+        blocks.append(size)
+        algorithm._phases[phase] += size
+
+    algorithm._fit = lambda maximumDegree=4: degrees.append(maximumDegree)
+    algorithm._propose = lambda: proposal(probability=current()[0], exploration=None)
+    algorithm._drawRuns = lambda proposal, selection, size: (size, None, None)
+    algorithm._evaluate = evaluate
+    algorithm._calibrate = lambda runs: current()[2]
+    algorithm._runsNeeded = lambda proposal: current()[1]
+    algorithm._runsForFailures = lambda proposal: 200.0
+    found = algorithm._learn()
+    assert found.probability == current()[0]
+    assert blocks[:3] == [40] * len(blocks[:3])
+    # Quartics through the first normal points would invent failures far out; points of subset simulation are there.
+    assert degrees == [2 if mode == "fast" else 4] + [4] * len(blocks)
+    return len(blocks)
+
+
+def test_learning_ends_when_the_surrogate_is_trusted_stable_and_enough():
+    assert learningBlocks([(1e-3, 100.0, True)]) == 2
+    assert learningBlocks([(1e-3, 100.0, True)], mode="safe") == 2
+    # As many as failures need are enough, and more are not.
+    assert learningBlocks([(1e-3, 200.0, True)]) == 2
+    # A probability that moves by more than 15 % is not stable.
+    assert learningBlocks([(1e-3, 100.0, True), (1.16e-3, 100.0, True)]) == 2
+    assert learningBlocks([(1e-3, 100.0, True), (1.19e-3, 100.0, True)]) == 3
+    assert learningBlocks([(1e-3, 100.0, True), (0.88e-3, 100.0, True)]) == 2
+    assert learningBlocks([(1e-3, 100.0, True), (0.86e-3, 100.0, True)]) == 3
+    assert learningBlocks([(1e-3, 100.0, False)] * 4 + [(1e-3, 100.0, True)]) == 5
+
+
+def test_learning_goes_on_while_a_block_saves_more_runs_than_it_costs():
+    # Every block saves a hundred runs, then none: twice in vain is enough.
+    saving = [(1e-3, 1000.0 - 100.0 * i, True) for i in range(5)]
+    assert learningBlocks(saving) == 7
+    # It saves less than it costs.
+    assert learningBlocks([(1e-3, 1000.0 - 39.0 * i, True) for i in range(9)]) == 3
+    assert learningBlocks([(1e-3, 1000.0 - 41.0 * i, True) for i in range(9)] + [(1e-3, 250.0, True)]) > 9
+    # Two fifths of the evaluations are the limit: with 500, that is 10 + 4 * 40 runs.
+    assert learningBlocks([(1e-3, 100.0, False)], 500) == 4
+
+
+def handedOver(monkeypatch, *estimates, mode="fast", evaluations=1000):
+    """The result of a run without a surrogate, whose subset simulations find what is told."""
+    left = list(estimates)
+
+    def simulation(evaluate, dimension, maximumEvaluations, generator):
+        probability, variation, bound = left.pop(0)
+        return SubsetEstimate(probability, variation, bound, evaluate(np.zeros((maximumEvaluations, dimension))))
+
+    monkeypatch.setattr(reliability, "runSubsetSimulation", simulation)
+    monkeypatch.setattr(ActiveSubspaceReliability, "_propose", lambda self: None)
+    _, result = sizesOfRuns(
+        lambda u: 9.0 - u[:, 0],
+        MaximumEvaluations=evaluations,
+        Mode=mode,
+        TargetCoefficientOfVariation=0.3,
+    )
+    assert not left
+    return result
+
+
+@pytest.mark.parametrize(("variation", "converged"), [(0.3, True), (0.31, False)])
+def test_what_subset_simulation_found_is_the_result_after_a_hand_over(monkeypatch, variation, converged):
+    result = handedOver(monkeypatch, (2e-3, variation, 2e-3))
+    assert result.getMethod() == "SubsetSimulation"
+    assert result.getProbabilityEstimate() == 2e-3
+    assert result.getCoefficientOfVariation() == pytest.approx(variation)
+    assert result.getVarianceEstimate() == pytest.approx((variation * 2e-3) ** 2)
+    assert result.getConverged() == converged
+    assert result.getEvaluationNumber() == 1000
+    # A log-normal estimate: the bounds are factors of it.
+    interval = result.getConfidenceInterval(0.95)
+    factor = math.exp(1.959964 * math.sqrt(math.log1p(variation**2)))
+    assert interval.getLowerBound()[0] == pytest.approx(2e-3 / factor, rel=1e-5)
+    assert interval.getUpperBound()[0] == pytest.approx(2e-3 * factor, rel=1e-5)
+
+
+def test_a_hand_over_that_finds_nothing_keeps_the_bound_of_the_normal_runs(monkeypatch):
+    result = handedOver(monkeypatch, (0.0, math.inf, 1e-5))
+    assert "found no failure before the evaluations ended, at a level of probability 1.0e-05" in result.getReason()
+    assert result.getProbabilityEstimate() == 0.0
+    assert not result.getConverged()
+    # Ten normal runs without failure.
+    assert result.getConfidenceInterval(0.95).getUpperBound()[0] == pytest.approx(1.0 - 0.05**0.1)
+
+
+def test_both_subset_simulations_of_a_safe_run_count_after_a_hand_over(monkeypatch):
+    result = handedOver(monkeypatch, (1e-3, 0.3, 1e-3), (3e-3, 0.3, 3e-3), mode="safe", evaluations=3000)
+    assert result.getEvaluationNumber("subset") == 1000
+    assert result.getProbabilityEstimate() == pytest.approx(2e-3)
+    # They differ by more than they claim: that is the error of their mean.
+    assert result.getCoefficientOfVariation() == pytest.approx(0.5)
