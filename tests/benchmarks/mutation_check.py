@@ -112,11 +112,12 @@ EQUIVALENT = {
         "gradients, bootstrapSize, max(self._largest, dimension or 0), self._scales, weights",
         "gradients, bootstrapSize, max(self._largest, dimension or 1), self._scales, weights",
     ): "the other number is never smaller than 1",
-    (
-        "methods/standard_space.py",
-        "CHECK_LEVELS = (0.5, 0.84, 0.05)",
-        "CHECK_LEVELS = (0.5, 0.84, 0.1)",
-    ): "one of the points at which a transformation is checked, for which any other serves",
+    **{
+        ("methods/standard_space.py", "CHECK_LEVELS = (0.5, 0.84, 0.05)", f"CHECK_LEVELS = {levels}"): (
+            "one of the points at which a transformation is checked, for which any other serves"
+        )
+        for levels in ("(0.5, 0.84, 0.1)", "(0.25, 0.84, 0.05)")
+    },
     (
         "methods/subspace_estimation.py",
         "block = max(1, 4_000_000 // (max(d, len(rows)) * d))",
