@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from separation_cases import general_separation, mixed_springs
 
-from satsep_ot.dynamics.separation import ForceLine, Status
+from satsep_ot.dynamics.separation import Body, ForceLine, Status
 from satsep_ot.dynamics.simulation import simulate
 
 
@@ -87,3 +87,12 @@ def test_a_run_whose_parameters_are_barely_physical_flies_and_one_beyond_does_no
                 assert status(**inertia(body, *third, **{axis: sign * 19.9})) == Status.OK
                 assert status(**inertia(body, *third, **{axis: sign * 20.1})) == Status.INVALID_PARAMETERS
         assert status(**{f"{body}__mass": 0.0}) == Status.INVALID_PARAMETERS
+
+
+def test_a_body_that_is_a_plate_is_allowed_and_one_beyond_is_named():
+    for largest in range(3):
+        moments = np.roll([50.0, 30.0, 20.0], largest)
+        plate = general_separation(platform=Body(1200.0, moments, [0.0, -1.6, 0.0]))
+        assert simulate(plate).status[0] == Status.OK
+        with pytest.raises(ValueError, match=r"platform\.inertia has the principal moments .*triangle inequality"):
+            simulate(general_separation(platform=Body(1200.0, moments * np.where(moments == 50.0, 1.001, 1.0))))

@@ -394,3 +394,18 @@ def test_degrees_are_compared_where_there_are_two_points_for_each_term():
     assert list(regression.selectDegree(highest=6)) == [0, 1, 2, 3]
     regression = MultivariatePolynomialRegression(inputs[:7], inputs[:7] ** 2, ot.Normal(1))
     assert list(regression.selectDegree(highest=6)) == [0, 1, 2]
+
+
+def test_the_logarithm_of_the_spread_is_a_parabola_or_of_the_fits_own_degree():
+    ot.RandomGenerator.SetSeed(4)
+    inputs = np.array(ot.Normal(1).getSample(200))
+    outputs = inputs + (1.0 + inputs**4) * np.array(ot.Normal(1).getSample(200))
+    place = np.linspace(-2.0, 2.0, 9)[:, None]
+    for degree, order in ((0, 1), (1, 2), (2, 3), (4, 3)):
+        regression = MultivariatePolynomialRegression(inputs, outputs, ot.Normal(1))
+        regression.setDegree(degree)
+        regression.run()
+        logarithm = np.log(regression.getResult().computeSpread(place))[:, 0]
+        # Differences of the next order vanish, those before do not.
+        assert np.abs(np.diff(logarithm, order)).max() < 1e-9
+        assert np.abs(np.diff(logarithm, order - 1)).max() > 1e-3

@@ -44,28 +44,20 @@ def recorder(folder):
     return coverage.Coverage(config_file=str(file))
 
 
-def run_plain(tests, plugin):
-    from satsep_ot.dynamics.rotations import rotation_matrix_elements
-
-    # The function behind a compiled one, where nothing is compiled.
-    rotation_matrix_elements.py_func = rotation_matrix_elements
-    run_tests(tests, plugin)
-
-
 def measure(folder, run, tests):
     durations = folder / "durations.json"
     if run == "durations":
         if durations.exists():
             return
         plugin = Order()
-        run_plain(tests, plugin)
+        run_tests(tests, plugin)
         durations.write_text(json.dumps(plugin.measured | dict.fromkeys(plugin.failed, math.inf)))
         return
     record = recorder(folder)
     record.start()
     if run == "plain":
         # A test is not to be interrupted here, where the interruption may leave the record locked.
-        run_plain(tests, Order(json.loads(durations.read_text()), limit=600.0))
+        run_tests(tests, Order(json.loads(durations.read_text()), limit=600.0))
     else:
         pytest.main(["-q", "-p", "no:cacheprovider", "-m", "not slow", *tests])
     record.stop()
