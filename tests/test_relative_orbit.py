@@ -250,6 +250,23 @@ def test_gradient_against_high_order_differences(name, window):
             )
 
 
+def test_gradient_soon_after_the_release():
+    """A few steps only; the release was not at t = 0, and no axis is along another."""
+    orbit, window = ORBITS["eccentric with J2"], Recontact(0.02, 0.05)
+    state = random_releases(1, seed=5)[0]
+    x = np.concatenate([state, [40.0], MASSES])
+    gradient = closest_approaches([state], [40.0], [MASSES], orbit, window, gradient=True)[2][0]
+    steps = np.diag(0.1 * STEPS)
+    rows = np.concatenate([x + steps, x - steps])
+    distances = closest_approaches(rows[:, :20], rows[:, 20], rows[:, 21:], orbit, window)[0]
+    expected = (distances[:23] - distances[23:]) / (0.2 * STEPS)
+    for block in (slice(0, 3), slice(3, 6), slice(6, 16), slice(16, 20), slice(20, 21), slice(21, 23)):
+        np.testing.assert_allclose(
+            gradient[block], expected[block], rtol=0, atol=1e-5 * np.linalg.norm(expected[block]) + 1e-9
+        )
+    assert np.abs(gradient[[0, 3, 16, 20, 21, 22]]).min() > 0.0
+
+
 def test_a_distance_of_nothing_has_no_gradient_and_gets_none():
     distance, _, gradient = closest_approaches([np.zeros(20)], [0.0], [MASSES], CIRCULAR, gradient=True)
     assert distance[0] == 0.0
