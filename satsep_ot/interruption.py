@@ -31,11 +31,15 @@ def supervise(kept: Callable[[], str]) -> None:
     answers SIGINT itself while an algorithm runs, by a jump over Python's frames or a failure that would pass for the
     algorithm's result. So the child and what it starts are a process group of their own, which Ctrl-C does not reach.
 
+    Only Linux has what this takes; elsewhere it does nothing, and Ctrl-C is Python's KeyboardInterrupt.
+
     Parameters
     ----------
     kept : callable
         Without arguments; what an interrupted command leaves, in words.
     """
+    if sys.platform != "linux":
+        return
     heard = {signal.SIGINT, signal.SIGTERM, signal.SIGTSTP}
     watched = {number for number in heard if signal.getsignal(number) != signal.SIG_IGN} | {signal.SIGCHLD}
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)

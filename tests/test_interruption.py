@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from satsep_ot.interruption import supervise
+
 HEAD = """
 import os, signal, subprocess, sys, time
 from satsep_ot.interruption import supervise
@@ -215,3 +217,10 @@ def test_a_terminal_gets_its_cursor_back():
     shown = os.read(ours, 4096).decode()
     os.close(ours)
     assert shown == "\x1b[?25lhalf of it^C\r\x1b[2K\x1b[?25hsatsep-ot: interrupted; all is kept\r\n"
+
+
+def test_other_systems_keep_what_python_does(monkeypatch):
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(os, "fork", None)
+    supervise(str)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
