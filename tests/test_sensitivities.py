@@ -9,6 +9,7 @@ from separation_cases import (
     truth_separation,
 )
 
+from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import ForceLine, Status
@@ -112,3 +113,35 @@ def test_a_failed_run_has_no_gradient():
 def test_unknown_quantity_is_named():
     with pytest.raises(ValueError, match=r"\['speed'\] is unknown"):
         simulate_with_gradients(symmetric_separation(), quantities=["speed"])
+
+
+WALL, LEANING = [[-1.0, 0.0, 0.0, -0.52]], [[-1.0, 0.5, 0.0, -0.36]]
+DIRECTION_CASES = {
+    **{line.name: general_separation(line) for line in ForceLine},
+    "large mounting error": general_separation(mounting_error=[2e-3, -0.02, 1e-3]),
+    "nearest on the way": general_separation(
+        rates=[0.01, 2.0, -0.02], recess_radius=0.0, recess_planes=WALL, recess_depth=0.4
+    ),
+    "nearest at the start": general_separation(recess_radius=0.0, recess_planes=LEANING),
+    # A planet that weighs ten thousand times as much: its torque counts beside that of the springs.
+    "strong gravity": general_separation(orbit=Orbit([6.878e6, 1.0e5, -2.0e5], [1e4, 7.5e5, 9e4], 4e18)),
+    "nearest at the exit": general_separation(rates=np.radians([0.8, -0.5, 0.6])),
+}
+
+
+@pytest.mark.parametrize("case", DIRECTION_CASES)
+def test_gradients_in_the_direction_of_a_scatter(case):
+    """Every quantity, all parameters at once: few runs, so that the kernels are checked without compilation, too."""
+    separation = DIRECTION_CASES[case]
+    nominal, names = separation.parameters(), separation.parameter_names()
+    step = 1e-5 * nominal * np.random.default_rng(0).uniform(0.5, 1.5, len(nominal))
+    outcome = simulate_with_gradients(separation, tolerance=1e-12)
+    around = simulate(separation, [nominal + step, nominal - step], tolerance=1e-12)
+    assert (around.status == Status.OK).all()
+    for quantity in quantity_table(separation):
+        values = around.quantity(quantity)
+        change = outcome.quantity_gradient(quantity)[0] @ step
+        assert change == pytest.approx((values[0] - values[1]) / 2.0, rel=1e-4, abs=1e-11), quantity
+    if case.startswith("nearest"):
+        wall = next((i for i, name in enumerate(names) if name.startswith("planes")), names.index("recess.radius"))
+        assert abs(outcome.quantity_gradient("clearance")[0, wall]) > 0.1
