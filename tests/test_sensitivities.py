@@ -12,7 +12,7 @@ from separation_cases import (
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.relative_orbit import Recontact
-from satsep_ot.dynamics.separation import ForceLine, Status
+from satsep_ot.dynamics.separation import Body, ForceLine, Status
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
 
 
@@ -123,8 +123,14 @@ DIRECTION_CASES = {
         rates=[0.01, 2.0, -0.02], recess_radius=0.0, recess_planes=WALL, recess_depth=0.4
     ),
     "nearest at the start": general_separation(recess_radius=0.0, recess_planes=LEANING),
-    # A planet that weighs ten thousand times as much: its torque counts beside that of the springs.
-    "strong gravity": general_separation(orbit=Orbit([6.878e6, 1.0e5, -2.0e5], [1e4, 7.5e5, 9e4], 4e18)),
+    # A planet that weighs as much as thirty thousand Earths: its torque counts beside that of the springs.
+    "strong gravity": general_separation(
+        platform=Body(
+            1200.0, [[900.0, 200.0, -150.0], [200.0, 700.0, 100.0], [-150.0, 100.0, 800.0]], [0.0, -1.6, 0.0]
+        ),
+        satellite=Body(100.0, [[9.0, 2.0, -1.5], [2.0, 8.0, 1.2], [-1.5, 1.2, 7.5]], [0.0, 0.4, 0.0]),
+        orbit=Orbit([6.878e6, 1.0e5, -2.0e5], [1.6e4, 1.2e6, 1.4e5], 1e19),
+    ),
     "nearest at the exit": general_separation(rates=np.radians([0.8, -0.5, 0.6])),
 }
 
@@ -134,7 +140,8 @@ def test_gradients_in_the_direction_of_a_scatter(case):
     """Every quantity, all parameters at once: few runs, so that the kernels are checked without compilation, too."""
     separation = DIRECTION_CASES[case]
     nominal, names = separation.parameters(), separation.parameter_names()
-    step = 1e-5 * nominal * np.random.default_rng(0).uniform(0.5, 1.5, len(nominal))
+    size = np.where([name.startswith("mounting") for name in names], 1.0, nominal)
+    step = 1e-5 * size * np.random.default_rng(0).uniform(0.5, 1.5, len(nominal))
     outcome = simulate_with_gradients(separation, tolerance=1e-12)
     around = simulate(separation, [nominal + step, nominal - step], tolerance=1e-12)
     assert (around.status == Status.OK).all()
