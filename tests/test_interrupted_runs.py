@@ -203,10 +203,18 @@ def kept(directory):
     return json.loads(path.read_text(encoding="utf-8"))["summary"]["size"] if path.exists() else 0
 
 
-def kill_and_continue(folder, *options):
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """A case, and the directory of its study that nobody disturbed, without workers."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    case = case_file(folder)
+    finish("study", case, "--output", folder / "whole", *SAMPLE)
+    return case, folder / "whole"
+
+
+def kill_and_continue(undisturbed, folder, *options):
     """A study that is killed at several moments, from the first one of its sample on, beside one that is not."""
-    case, whole, cut = case_file(folder), folder / "whole", folder / "cut"
-    finish("study", case, "--output", whole, *SAMPLE)
+    (case, whole), cut = undisturbed, folder / "cut"
     command = ["study", case, "--output", cut, *SAMPLE, *options, "--resume"]
     shares = []
     for moment in (
@@ -228,27 +236,26 @@ def kill_and_continue(folder, *options):
     compare(cut, whole)
 
 
-def test_a_study_with_workers_that_is_killed(tmp_path):
-    kill_and_continue(tmp_path, "--workers", 2)
+def test_a_study_with_workers_that_is_killed(undisturbed, tmp_path):
+    kill_and_continue(undisturbed, tmp_path, "--workers", 2)
 
 
-def test_a_study_on_a_cluster_that_is_killed(tmp_path):
+def test_a_study_on_a_cluster_that_is_killed(undisturbed, tmp_path):
     """The cluster of the user stays, and does not go on with what nobody waits for."""
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address="127.0.0.1:0",
         silence_logs=logging.CRITICAL,
     ) as cluster:  # fmt: skip
-        kill_and_continue(tmp_path, "--dask", cluster.scheduler_address)
+        kill_and_continue(undisturbed, tmp_path, "--dask", cluster.scheduler_address)
         with distributed.Client(cluster) as client:
             assert len(client.nthreads()) == 2
             assert not any(client.processing().values())
 
 
-def test_workers_of_a_study_that_are_killed(tmp_path):
+def test_workers_of_a_study_that_are_killed(undisturbed, tmp_path):
     """One, and a second one, in the middle: their chunks are made by others. Then all: what was finished is kept."""
-    case, whole, cut = case_file(tmp_path), tmp_path / "whole", tmp_path / "cut"
-    finish("study", case, "--output", whole, *SAMPLE)
+    (case, whole), cut = undisturbed, tmp_path / "cut"
     command = ["study", case, *SAMPLE, "--workers", 2, "--output"]
     study = Running(tmp_path / "log", *command, cut)
     for share in (0.1, 0.4):
