@@ -121,3 +121,7 @@ def test_cross_validation_takes_the_smallest_that_predicts_as_well(random):
     slopes[:, 1] = 1.0
     slopes[:, 2:] = 1e-3 * random.standard_normal((200, 3, 1))
     assert cross_validated_dimension(points, quadratic, slopes, [1, 3, 2], quadratic.var(axis=0), None) == 2
+
+
+def test_a_zero_matrix_has_no_dimension_by_the_ladle():
+    assert ladle_dimension(np.zeros(3), np.eye(3), np.repeat(np.eye(3)[None], 5, axis=0)) == 0

@@ -690,3 +690,23 @@ def test_a_single_gradient_by_differences(method):
     )
     np.testing.assert_allclose(result.getGradientSample()[0, :, 0], [3.0, 4.0], rtol=1e-5)
     assert result.getNoise() is not None
+
+
+def test_what_is_no_callable_or_no_level_is_refused():
+    algorithm = ActiveSubspaceAlgorithm(ot.SymbolicFunction(["a"], ["a"]), ot.Normal())
+    assert algorithm.getDistribution() == ot.Normal()
+    for setter in ("setGradientSampleFunction", "setWeightFunction"):
+        with pytest.raises(TypeError, match="must be callable, got float"):
+            getattr(algorithm, setter)(1.0)
+    algorithm.run()
+    for level in (0.0, 1.0, math.nan):
+        with pytest.raises(ValueError, match=r"level must be in \(0, 1\)"):
+            algorithm.getResult().getEigenvaluesInterval(level)
+
+
+def test_a_constant_has_no_average_direction_and_no_sobol_bound():
+    result = result_of(ot.SymbolicFunction(["a", "b"], ["3"]), ot.Normal(2))
+    with pytest.raises(ValueError, match="mean gradient is 0"):
+        result.getAverageGradient()
+    with pytest.raises(ValueError, match="no Sobol indices"):
+        result.getTotalSobolBound()

@@ -9,8 +9,11 @@ import pytest
 
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.chunk_scheduler import ChunkScheduler
+from satsep_ot.methods.comparison import ReliabilityComparison
 from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.parallel_function import ParallelFunction
+from satsep_ot.methods.polynomial_basis import PolynomialBasis
+from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.ridge_approximation import RidgeApproximation
@@ -79,3 +82,37 @@ def test_setting_the_documented_default_changes_nothing(name, setter):
 
 def test_there_are_defaults_to_look_at():
     assert len(CASES) >= 20
+
+
+@pytest.mark.parametrize(("name", "setter"), CASES)
+def test_what_was_set_is_what_is_got(name, setter):
+    instance = OBJECTS[name]()
+    value, _ = documentedDefault(getattr(instance, setter))
+    getter = getattr(instance, setter.replace("set", "get", 1), None)
+    getattr(instance, setter)(value)
+    assert getter is None or getter() == value
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_an_object_shows_its_class(name):
+    instance = OBJECTS[name]()
+    assert repr(instance).startswith(f"{type(instance).__name__}(")
+
+
+def test_results_show_their_class_too():
+    regression = OBJECTS["regression"]()
+    regression.setDegree(2)
+    regression.run()
+    law = ot.JointDistribution([ot.Normal()] * 4)
+    assert repr(regression.getResult()).startswith("MultivariatePolynomialRegressionResult(")
+    assert repr(PolynomialBasis(2, 3)) == "PolynomialBasis(dimension=2, degree=3, size=10)"
+    line = MultivariatePolynomialRegression(POINTS[:, :1], POINTS[:, :1] ** 2, ot.Normal(1))
+    line.run()
+    assert repr(PolynomialDistribution(line.getResult())) == "PolynomialDistribution(mean=1, standardDeviation=1.41421)"
+    vector = ot.CompositeRandomVector(FUNCTION, ot.RandomVector(law))
+    comparison = ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 1.0), ["MonteCarlo"])
+    assert repr(comparison) == "ReliabilityComparison(methods=['MonteCarlo'])"
+    with pytest.raises(RuntimeError, match=r"call run\(\) first"):
+        comparison.getResult()
+    comparison.run()
+    assert repr(comparison.getResult()) == "ReliabilityComparisonResult(methods=['MonteCarlo'])"

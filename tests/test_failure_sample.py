@@ -284,3 +284,33 @@ def test_an_event_in_python_is_given_again_on_loading(tmp_path):
     again = ActiveSubspaceReliabilityResult.load(tmp_path / "result.npz", event)
     assert again.getProbabilitySimulationResult().getProbabilityEstimate() == loaded.getProbabilityEstimate()
     assert dataclasses.asdict(again.computeImportance()[0]) == dataclasses.asdict(loaded.computeImportance()[0])
+
+
+def test_parameters_that_have_no_score_say_why():
+    random = np.random.default_rng(0)
+    copula = ot.NormalCopula(ot.CorrelationMatrix([[1.0, 0.5], [0.5, 1.0]]))
+    dependent = ot.JointDistribution([ot.Uniform(0.0, 1.0), ot.TruncatedNormal(0.0, 1.0, -40.0, 40.0)], copula)
+    x = np.array(dependent.getSample(500))
+    rows = computeParameterSensitivity(FailureSample.ofMonteCarlo(x, random.random(500) < 0.5), dependent, 0.95)
+    notes = {(row.input, row.parameter): row.note for row in rows}
+    assert "uniform input that depends on others" in notes["X0", "a"]
+    # Bounds that no double can tell from infinity.
+    assert "does not depend on the parameter" in notes["X1", "b"]
+    assert not notes["X1", "mu"]
+
+
+def test_weights_with_a_large_error_are_named_though_many_runs_failed():
+    # Half of the runs failed, all with the same small effect on a probability that one large correction makes unsure.
+    law = ot.Normal(1)
+    x = np.array(law.getSample(200))
+    sample = FailureSample.ofMonteCarlo(x, np.arange(200) % 2 == 0)
+    sample.weights[0] = 1.0
+    answer = computeProbability(sample, law, law, 0.95)
+    assert "error of more than half of the probability" in answer.warning
+    assert answer.coefficientOfVariation > 0.5
+    # A correction that takes more than all of it leaves 0 and a bound.
+    sample.weights[0] = -1.0
+    answer = computeProbability(sample, law, law, 0.95)
+    assert (answer.probability, answer.lower, answer.coefficientOfVariation) == (0.0, 0.0, math.inf)
+    assert 0.0 < answer.upper <= 1.0
+    assert "error of more than half" in answer.warning
