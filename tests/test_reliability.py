@@ -15,7 +15,7 @@ from satsep_ot.methods.importance_proposal import GaussianMixture, ModeMixture, 
 from satsep_ot.methods.limit_state_event import LimitStateEvent, callFunction
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.reliability_result import clopperPearson
+from satsep_ot.methods.reliability_result import IntervalLaw, clopperPearson
 from satsep_ot.methods.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
 
 
@@ -1187,3 +1187,108 @@ def test_both_subset_simulations_of_a_safe_run_count_after_a_hand_over(monkeypat
     assert result.getProbabilityEstimate() == pytest.approx(2e-3)
     # They differ by more than they claim: that is the error of their mean.
     assert result.getCoefficientOfVariation() == pytest.approx(0.5)
+
+
+# Events, and what is got from an algorithm and its result. ------------------------------------------------------------
+
+
+def test_an_event_on_a_level_set_and_on_an_interval():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["a", "b"]), ot.RandomVector(ot.Normal(2)))
+    disc = ot.LevelSet(ot.SymbolicFunction(["p", "q"], ["p^2 + q^2"]), ot.GreaterOrEqual(), 9.0)
+    box = ot.Interval([2.0, -1.0], [9.0, 1.0], [True, True], [False, True])
+    points = np.array([[3.0, 0.0], [2.9, 0.0], [0.0, -3.1], [2.5, -1.1]])
+    for domain, failed in ((disc, [True, False, True, False]), (box, [True, True, False, False])):
+        event = LimitStateEvent(ot.DomainEvent(vector, domain))
+        np.testing.assert_array_equal(event.evaluate(points).failed, failed)
+    algorithm = ActiveSubspaceReliability(ot.DomainEvent(vector, disc))
+    algorithm.run()
+    assert algorithm.getResult().getProbabilityEstimate() == pytest.approx(math.exp(-4.5), rel=0.15)
+
+
+def test_events_and_components_that_cannot_be_treated_are_refused_with_the_reason():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["a", "b"]), ot.RandomVector(ot.Normal(2)))
+    everywhere = ot.Interval([0.0] * 2, [1.0] * 2, [False] * 2, [False] * 2)
+    with pytest.raises(ValueError, match="no finite bound"):
+        LimitStateEvent(ot.DomainEvent(vector, everywhere))
+    mesh = ot.IntervalMesher([2, 2]).build(ot.Interval(2))
+    with pytest.raises(TypeError, match="has no limit state function; give an Interval or a LevelSet"):
+        LimitStateEvent(ot.DomainEvent(vector, ot.MeshDomain(mesh)))
+    two = ot.SymbolicFunction(["a", "b"], ["a", "b"])
+    total = ot.SymbolicFunction(["p", "q"], ["p + q"])
+    with pytest.raises(TypeError, match="for a ThresholdEvent only, not for a DomainEvent"):
+        LimitStateEvent(ot.DomainEvent(vector, ot.Interval(2)), two, total)
+    scalar = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["a + b"]), ot.RandomVector(ot.Normal(2)))
+    threshold = ot.ThresholdEvent(scalar, ot.Greater(), 3.0)
+    with pytest.raises(ValueError, match="has 1 inputs, but the event's distribution has 2"):
+        LimitStateEvent(threshold, ot.SymbolicFunction(["a"], ["a"]), total)
+    with pytest.raises(ValueError, match="must map the 1 smooth outputs on 1 value, but it maps 2 on 1"):
+        LimitStateEvent(threshold, two, total, [0])
+    with pytest.raises(ValueError, match="'ignore'; give one of"):
+        LimitStateEvent(threshold, nonFinitePolicy="ignore")
+
+
+def test_there_is_nothing_to_get_before_a_run():
+    algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0]))
+    with pytest.raises(RuntimeError, match="no true runs yet"):
+        algorithm.getRuns()
+    with pytest.raises(RuntimeError, match="no result yet"):
+        algorithm.getResult()
+
+
+def test_a_run_hands_over_where_subset_simulation_would_be_more_exact(monkeypatch):
+    monkeypatch.setattr(ActiveSubspaceReliability, "_subsetIsBetter", lambda self, proposal, remaining: True)
+    _, result = sizesOfRuns(lambda u: 2.0 - u[:, 0], MaximumEvaluations=2000)
+    assert "explains too little of the limit state" in result.getReason()
+    assert result.getMethod() == "SubsetSimulation"
+    assert list(result.getPhases()) == ["learning", "subset simulation"]
+
+
+def test_modes_without_a_failure_region_are_left_out():
+    algorithm = systemOf(3.0, 3.2, 40.0, 3.4)
+    assert len(algorithm._modes().shares) == 3
+    # A component that is constant has no direction to search along.
+    u = np.random.default_rng(0).standard_normal((300, 6))
+    values = np.column_stack([u[:, :3], np.ones(300)])
+    algorithm._surrogate = LimitStateSurrogate(u, values, lambda v: 3.0 - v.max(axis=1), np.ones(300))
+    algorithm._surrogate.groups = lambda generator: [[0], [1], [2], [3]]
+    assert len(algorithm._modes().shares) == 3
+
+
+def test_results_without_a_surrogate_or_an_estimate_say_so(monkeypatch):
+    sure = ActiveSubspaceReliability(event(lambda u: np.full(len(u), -1.0)))
+    sure.run()
+    assert sure.getResult().getReliabilityIndex() == -math.inf
+    never = handedOver(monkeypatch, (0.0, math.inf, 1e-5))
+    assert never.getReliabilityIndex() == math.inf
+    assert never.drawConvergence().getDrawables().getSize() == 0
+    for level in (0.0, 1.0):
+        with pytest.raises(ValueError, match="must lie between 0 and 1"):
+            never.getConfidenceInterval(level)
+        with pytest.raises(ValueError, match="must lie between 0 and 1"):
+            sure.getResult().computeImportance(level)
+    stopped = ActiveSubspaceReliability(event(lambda u: 3.0 - u[:, 0]))
+    stopped.setStopCallback(lambda: True)
+    stopped.run()
+    with pytest.raises(RuntimeError, match="no surrogate"):
+        stopped.getResult().getDirections()
+
+
+def test_a_surrogate_of_the_radius_has_no_native_function_and_one_of_one_direction_a_plain_picture():
+    radial, _ = solve("P5")
+    with pytest.raises(ValueError, match="inactive radius"):
+        radial.getMetaModelResult()
+    _, result = sizesOfRuns(lambda u: 3.0 - u[:, 0])
+    graph = result.drawLimitState()
+    assert graph.getTitle() == "Limit state along the active direction"
+    active = np.array(result.getInputSample())[:, 0]
+    lines = [np.array(d.getData()) for d in graph.getDrawables() if d.getImplementation().getClassName() == "Curve"]
+    assert len(lines) == 1
+    np.testing.assert_allclose(lines[0][:, 1], 0.0)
+    assert np.ptp(lines[0][:, 0]) == pytest.approx(np.ptp(active), rel=1e-6)
+
+
+def test_an_estimate_that_is_not_positive_has_an_interval_from_0():
+    lower, upper = IntervalLaw(-1e-5, 1e-10, 1e9).bounds(0.95)
+    assert lower == 0.0
+    assert upper == pytest.approx(1.96e-5, rel=1e-3)
+    assert IntervalLaw(0.0, 1.0, 1e9).bounds(0.95) == (0.0, 1.0)
