@@ -4,6 +4,7 @@ import math
 from types import SimpleNamespace
 
 import numpy as np
+import openturns as ot
 import pytest
 from scipy.stats import chi2, norm
 
@@ -16,6 +17,7 @@ from satsep_ot.methods.limit_state_surrogate import (
     normalisedRadius,
     radiusFromNormal,
 )
+from satsep_ot.methods.standard_space import StandardSpace
 
 
 def points(size, dimension, seed=0):
@@ -111,7 +113,7 @@ def test_the_error_of_prediction_is_that_of_new_points():
     found, fresh = [], []
     for seed in range(30):
         u = points(60, 8, seed)
-        fit = _fitModel(u, u[:, 0] + generator.standard_normal(60), np.ones(60), RidgeModel(1, 2), None, None)
+        fit = _fitModel(u, u[:, 0] + generator.standard_normal(60), np.ones(60), RidgeModel(1, 2), None)
         found.append(fit.error)
         new = points(500, 8, 1000 + seed)
         error = fit.polynomial.predict(new @ fit.directions) - new[:, 0] - generator.standard_normal(500)
@@ -245,3 +247,13 @@ def test_a_part_of_the_components_has_the_others_at_their_typical_values():
     np.testing.assert_allclose(part.limitState(y)[1], part.predictionErrors(y)[:, 0], rtol=1e-9)
     # The whole is as it was.
     assert found.dimension() == 3
+
+
+def test_the_native_function_of_a_component_that_is_constant():
+    u = points(100, 3)
+    found = surrogate(u, u[:, 0] + 2.0, np.full(100, 7.0))
+    native = found.nativeFunction(StandardSpace(ot.Normal([1.0] * 3, [2.0] * 3, ot.CorrelationMatrix(3))))
+    np.testing.assert_allclose(native([4.0, 0.0, 1.0]), [3.5, 7.0], rtol=1e-12)
+    np.testing.assert_allclose(
+        np.array(native.gradient([4.0, 0.0, 1.0])), [[0.5, 0.0], [0.0] * 2, [0.0] * 2], atol=1e-9
+    )

@@ -313,3 +313,17 @@ def test_the_memory_of_a_fit_does_not_grow_with_the_points(random):
         lambda: fit.predict(points),
     ):
         assert peak(task) < 12e6
+
+
+def test_shapes_that_do_not_match_are_refused(random):
+    with pytest.raises(ValueError, match=r"recurrence must have shape \(2, 3, 3\), got \(1, 3, 3\)"):
+        PolynomialBasis(2, 3, recurrence=np.zeros((1, 3, 3)))
+    with pytest.raises(ValueError, match=r"values must have shape \(4,\) or \(4, p\), got \(3,\)"):
+        fit_polynomial(PolynomialBasis(1, 1), np.arange(4.0)[:, None], np.arange(3.0))
+
+
+def test_a_fold_without_which_there_is_no_fit_has_no_prediction():
+    # Two of three points are left out of a line: the factorisation of what is left breaks down.
+    fit = fit_polynomial(PolynomialBasis(1, 1), np.array([[0.0], [1.0], [3.0]]), np.array([0.0, 1.0, 2.0]))
+    assert np.isinf(fit.k_fold([np.array([0, 1])])[:2]).all()
+    assert np.isinf(fit.k_fold([np.array([0, 1, 2])])).all()

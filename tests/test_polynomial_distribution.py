@@ -184,3 +184,12 @@ def test_threshold_that_is_no_number_is_refused_and_infinity_has_its_limits():
     infinity = float("inf")
     assert (law.computeCDF(infinity), law.computeComplementaryCDF(infinity)) == pytest.approx((1.0, 0.0), abs=1e-12)
     assert (law.computeCDF(-infinity), law.computeComplementaryCDF(-infinity)) == pytest.approx((0.0, 1.0), abs=1e-12)
+
+
+def test_an_output_that_is_not_there_is_named():
+    inputs = np.linspace(-3.0, 3.0, 20)[:, None]
+    regression = MultivariatePolynomialRegression(inputs, inputs**2, ot.Normal(1))
+    regression.run()
+    for output in (-1, 1):
+        with pytest.raises(ValueError, match=f"output must be 0 to 0, got {output}"):
+            PolynomialDistribution(regression.getResult(), output)

@@ -6,6 +6,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
+from satsep_ot.methods import polynomial_regression
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 
 FUNCTION = ot.SymbolicFunction(["a", "b", "c"], ["1 + a * b + c^2 * a", "b^4 - a^3 * c"])
@@ -409,3 +410,71 @@ def test_the_logarithm_of_the_spread_is_a_parabola_or_of_the_fits_own_degree():
         # Differences of the next order vanish, those before do not.
         assert np.abs(np.diff(logarithm, order)).max() < 1e-9
         assert np.abs(np.diff(logarithm, order - 1)).max() > 1e-3
+
+
+def test_samples_that_do_not_match_or_are_empty_are_refused():
+    for inputs, outputs in ((np.zeros((3, 1)), np.zeros((4, 1))), (np.zeros(3), np.zeros((3, 1)))):
+        with pytest.raises(ValueError, match=r"must have shapes \(N, d\) and \(N, p\)"):
+            MultivariatePolynomialRegression(inputs, outputs)
+    for inputs, outputs in ((np.zeros((0, 1)), np.zeros((0, 1))), (np.zeros((3, 0)), np.zeros((3, 1)))):
+        with pytest.raises(ValueError, match="samples are empty"):
+            MultivariatePolynomialRegression(inputs, outputs)
+
+
+def lineOf(inputs, outputs, degree=1, **options):
+    regression = MultivariatePolynomialRegression(np.array(inputs)[:, None], np.array(outputs)[:, None], ot.Normal(1))
+    regression.setDegree(degree)
+    for name, value in options.items():
+        getattr(regression, f"set{name}")(value)
+    regression.run()
+    return regression.getResult()
+
+
+def test_a_point_without_which_there_is_no_fit_is_named():
+    result = lineOf([0.0, 0.0, 0.0, 1.0], [1.0, 2.0, 3.0, 5.0])
+    with pytest.raises(ValueError, match="no leave-one-out prediction: give a validation sample"):
+        result.getMetaModelValidation()
+    with pytest.raises(ValueError, match="spread is not known there"):
+        result.computeSpread([[0.5]])
+
+
+def test_numbers_of_folds_levels_and_constants_are_checked():
+    result = lineOf([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.5, 5.0])
+    for folds in (1, 5):
+        with pytest.raises(ValueError, match=f"folds must be 2 to 4, got {folds}"):
+            result.getKFoldResiduals(folds)
+    with pytest.raises(ValueError, match=r"level must be in \(0, 1\), got 1"):
+        result.getPredictionInterval([[0.5]], 1.0)
+    with pytest.raises(ValueError, match="constant: it has no Sobol indices"):
+        lineOf([0.0, 1.0, 2.0, 4.0], [1.0] * 4, degree=0).getSobolIndex(0)
+    regression = MultivariatePolynomialRegression([[1.0]], [[1.0]], ot.Normal(1))
+    with pytest.raises(ValueError, match="1 points are too few to compare degrees"):
+        regression.selectDegree()
+
+
+def test_degrees_that_cannot_be_fitted_are_not_compared():
+    # Four different points: a cubic is the last that they determine.
+    inputs = np.repeat([0.0, 1.0, 2.0, 3.0], 4)[:, None]
+    regression = MultivariatePolynomialRegression(inputs, np.exp(inputs), ot.Normal(1))
+    assert list(regression.selectDegree(highest=6)) == [0, 1, 2, 3]
+
+
+def test_the_robust_fit_of_exact_data_with_outliers_is_exact():
+    # More than half of the points lie on the line: their scale is 0, and nothing more is to be weighted.
+    outputs = np.where(np.arange(11) == 7, 100.0, 2.0 * np.arange(11.0))
+    result = lineOf(np.arange(11.0), np.where(np.arange(11) == 7, 14.0, outputs), Robust=True)
+    np.testing.assert_allclose(result.evaluate([[3.0]]), [[6.0]])
+
+
+def test_a_robust_fit_that_goes_on_says_so(monkeypatch):
+    ot.RandomGenerator.SetSeed(3)
+    inputs = np.array(ot.Normal(1).getSample(80))[:, 0]
+    outputs = 1.0 + inputs + np.array(ot.Student(1.1).getSample(80))[:, 0]
+    settled = lineOf(inputs, outputs, Robust=True)
+    monkeypatch.setattr(polynomial_regression, "HUBER_STEPS", 2)
+    with pytest.raises(RuntimeError, match="did not converge in 2 steps: the coefficients still change by"):
+        lineOf(inputs, outputs, Robust=True)
+    # What changes by less than 1e-4 is as good as settled.
+    monkeypatch.setattr(polynomial_regression, "HUBER_STEPS", 15)
+    nearly = lineOf(inputs, outputs, Robust=True)
+    np.testing.assert_allclose(np.array(nearly.getCoefficients()), np.array(settled.getCoefficients()), rtol=1e-3)

@@ -1,11 +1,13 @@
 """Ridge approximation on functions whose directions are known."""
 
+import functools
 import pickle
 
 import numpy as np
 import openturns as ot
 import pytest
 
+from satsep_ot.methods import ridge_approximation
 from satsep_ot.methods.polynomial_basis import fit_polynomial
 from satsep_ot.methods.ridge_approximation import RidgeApproximation
 from satsep_ot.methods.subspace_estimation import orient, subspace_distance
@@ -307,3 +309,35 @@ def test_fewer_points_than_unknowns_end_without_warning(random):
     assert np.isfinite(fit.predict(points)).all()
     assert fit.directions.shape == (50, 2)
     np.testing.assert_allclose(fit.directions.T @ fit.directions, np.eye(2), atol=1e-12)
+
+
+def test_what_is_out_of_range_is_refused(random):
+    points = random.standard_normal((40, 3))
+    approximation = RidgeApproximation(points, points[:, :1], ot.Normal(3))
+    for setter, value, message in (
+        ("Dimension", 4, "dimension must be 0 to 3, got 4"),
+        ("Dimension", -1, "dimension must be 0 to 3, got -1"),
+        ("LargestDimension", 4, "largest dimension must be 0 to 3, got 4"),
+        ("Degree", 0, "degree must be 1 to 10, got 0"),
+        ("Degree", 11, "degree must be 1 to 10, got 11"),
+        ("FoldsNumber", 1, "folds must be 2 to 40, got 1"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            getattr(approximation, f"set{setter}")(value)
+    with pytest.raises(RuntimeError, match=r"call run\(\) first"):
+        approximation.getResult()
+    with pytest.raises(ValueError, match=r"points must have shape \(n, d\), got \(40,\)"):
+        fit_ridge(points[:, 0], points[:, 0], 1)
+    with pytest.raises(ValueError, match=r"values must have shape \(40,\) or \(40, p\), got \(39,\)"):
+        fit_ridge(points, points[:39, 0], 1)
+
+
+def test_directions_that_have_not_converged_are_remarked(random, monkeypatch):
+    points = random.standard_normal((60, 6))
+    values = np.sin(points @ np.ones(6))[:, None] + random.standard_normal((60, 1))
+    approximation = RidgeApproximation(points, values, ot.Normal(6))
+    approximation.setDimension(2)
+    approximation.setDegree(3)
+    monkeypatch.setattr(ridge_approximation, "fit_ridge", functools.partial(ridge_approximation.fit_ridge, steps=1))
+    approximation.run()
+    assert any("had not converged after" in remark for remark in approximation.getResult().getRemarks())

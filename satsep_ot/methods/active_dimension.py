@@ -187,12 +187,10 @@ def cross_validated_dimension(
     candidates = sorted(set(candidates))
     errors = [cross_validated_error(points, values, gradients, r, scales, weights) for r in candidates]
     best = min(errors, key=np.mean)
-    for candidate, error in zip(candidates, errors, strict=True):
-        excess = error - best
-        # Paired differences: hard points are hard for all.
-        if excess.mean() <= excess.std(ddof=1) / math.sqrt(len(excess)):
-            return candidate
-    raise AssertionError("The best candidate has no excess over itself.")
+    # Paired differences: hard points are hard for all. The best candidate has none.
+    excesses = [error - best for error in errors]
+    close = [excess.mean() <= excess.std(ddof=1) / math.sqrt(len(excess)) for excess in excesses]
+    return candidates[close.index(True)]
 
 
 def cross_validated_error(

@@ -272,7 +272,7 @@ def _smallestError(column):
     return max(0.5 * _SMALLEST_ERROR * float(column.std()), 1e-14 * float(np.abs(column).max()))
 
 
-def _fitModel(u, column, weights, model, radius, initial):
+def _fitModel(u, column, weights, model, initial):
     directions = np.zeros((u.shape[1], 0))
     if model.degree == 1:
         # The one direction of a linear ridge is a linear regression's.
@@ -282,13 +282,9 @@ def _fitModel(u, column, weights, model, radius, initial):
         directions = fit_ridge(
             u, column, model.dimension, model.degree, weights, 1, initial, _SEARCH_STEPS, _SEARCH_TOLERANCE
         ).directions
-    variables = u @ directions
-    if model.radial and radius is not None:
-        variables = np.column_stack([variables, radius])
-    polynomial = _basisFit(variables, column, weights, model.degree)
-    used = model if radius is not None else RidgeModel(model.dimension, model.degree, False)
+    polynomial = _basisFit(u @ directions, column, weights, model.degree)
     return ComponentFit(
-        used, directions, polynomial, _predictionError(polynomial, weights, used.parameters(u.shape[1]))
+        model, directions, polynomial, _predictionError(polynomial, weights, model.parameters(u.shape[1]))
     )
 
 
@@ -296,7 +292,7 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
     """The ridge with the smallest estimated error of prediction; a larger one must be clearly better."""
     d = u.shape[1]
     effective = weights.sum() ** 2 / (weights**2).sum()
-    best = _fitModel(u, column, weights, RidgeModel(0, 0), None, None)
+    best = _fitModel(u, column, weights, RidgeModel(0, 0), None)
     # The best of each number of directions: with the inactive radius, fewer of them may do.
     ladder = [best]
     floor = _smallestError(column)
@@ -316,7 +312,7 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
                 initial = lower.directions
             elif old is not None and old.model.dimension >= dimension and old.model.degree > 1:
                 initial = old.directions[:, :dimension]
-            lower = fit = _fitModel(u, column, weights, model, None, initial)
+            lower = fit = _fitModel(u, column, weights, model, initial)
             if fit.error < math.sqrt(_PARSIMONY) * best.error:
                 best, improved = fit, True
         if improved:
