@@ -88,6 +88,9 @@ def test_files_that_cannot_be_read(tmp_path):
         load_case(path)
     with pytest.raises(CaseError, match="cannot be read"):
         load_case("a\0b")
+    path.write_text("#" * 4_100_000, encoding="utf-8")
+    with pytest.raises(CaseError, match="characters, which no case needs"):
+        load_case(path)
 
 
 def test_every_spring_may_differ():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from satsep_ot.model.case import CaseError, load_case, parse_case
-from satsep_ot.model.force_table import checked_force_table, read_force_table
+from satsep_ot.model.force_table import checked_force_table, parse_force_table, read_force_table
 
 GOOD = "stroke_mm,force_N\n0,220\n10,150.5\n\n30, 55\n"
 CASE = (
@@ -59,6 +59,13 @@ def test_files_that_are_no_table(name, tmp_path):
         for word in (str(path), *words):
             assert word in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_a_file_without_end_or_with_a_cell_without_end_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="characters, which no force-stroke table needs"):
+        read_force_table(written(tmp_path, "h,f\n" + "0" * 2_000_000))
+    with pytest.raises(ValueError, match=r"mine: the file cannot be read \(field larger than field limit"):
+        parse_force_table("h,f\n0," + "1" * 200_000, "mine")
 
 
 def test_rows_that_are_none():

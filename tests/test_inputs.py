@@ -9,6 +9,7 @@ import pytest
 
 from satsep_ot.dynamics.separation import SPRING_SIZE
 from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.model import inputs
 from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import (
     ParameterMap,
@@ -318,3 +319,25 @@ def test_correlations_that_cannot_be_are_one_sentence(text, words):
         parse_case(load_case("reference").text + "\n[[correlation]]\n" + text, "mine.toml")
     assert words in str(caught.value)
     assert str(caught.value).startswith("mine.toml: correlation")
+
+
+@pytest.mark.parametrize(
+    ("quantiles", "words"),
+    [
+        (
+            RuntimeError("NotDefinedException : no quantile here"),
+            "OpenTURNS finds no quantiles of .*: no quantile here",
+        ),
+        ((0.0, math.inf), "0.1 % to 99.9 % range, 0 to inf kg, is not finite"),
+    ],
+)
+def test_a_distribution_without_quantiles_is_refused(case, quantiles, words, monkeypatch):
+    def range_of(distribution):
+        if isinstance(quantiles, Exception):
+            raise quantiles
+        return quantiles
+
+    monkeypatch.setattr(inputs, "quantile_range", range_of)
+    nominal = dict(zip(case.separation.parameter_names(), case.separation.parameters(), strict=True))
+    with pytest.raises(ValueError, match=words):
+        inputs.check_range(case.inputs[0], nominal)

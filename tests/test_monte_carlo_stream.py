@@ -243,6 +243,22 @@ def test_rows_are_in_the_file_before_a_checkpoint_counts_them(interval, tmp_path
         assert (tmp_path / "runs.npy").read_bytes() == whole
 
 
+def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path):
+    made = stream(1000)
+    made.setCheckpointFile(tmp_path / "state.json")
+    made.setOutputFile(tmp_path / "runs.npy")
+    made.setProgressCallback(stop_at(50.0))
+    with pytest.raises(Stopped):
+        made.run()
+    part = tmp_path / "runs.npy.part"
+    assert part.stat().st_size > 200
+    os.truncate(part, 200)
+    made.setProgressCallback(None)
+    ot.RandomGenerator.SetSeed(7)
+    with pytest.raises(ValueError, match="shorter than the checkpoint says; remove both to begin anew"):
+        made.run()
+
+
 def test_a_checkpoint_of_other_runs_is_refused(tmp_path):
     path = tmp_path / "state.json"
     made = stream(300)

@@ -159,6 +159,36 @@ def test_gradients_are_there_where_the_function_has_them(threads):
     assert "DifferenceGradient" in repr(ot.Function(without).getGradient())
 
 
+class Batched(ot.OpenTURNSPythonFunction):
+    """A function that has all gradients at once."""
+
+    def __init__(self):
+        super().__init__(2, 1)
+
+    def evaluate(self, X):
+        return (X**2).sum(axis=1, keepdims=True)
+
+    def computeGradientSample(self, X):
+        return 2.0 * X[:, :, None]
+
+
+def test_gradients_that_come_all_at_once_are_asked_for_so():
+    X = points(11)
+    made = []
+
+    def pool():
+        made.append(ThreadPoolExecutor(2))
+        return made[-1]
+
+    with ParallelFunction(Batched(), pool) as function:
+        assert np.array_equal(function.evaluate(X), (X**2).sum(axis=1, keepdims=True))
+        assert np.array_equal(function.computeGradientSample(X), 2.0 * X[:, :, None])
+    # What a callable made is ended at the end of the block.
+    assert len(made) == 1
+    with pytest.raises(RuntimeError, match="shutdown"):
+        made[0].submit(int)
+
+
 def test_an_active_subspace_from_the_workers(threads):
     function = ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a + 0.4 * b)"])
     directions = []

@@ -327,3 +327,14 @@ def test_a_fold_without_which_there_is_no_fit_has_no_prediction():
     fit = fit_polynomial(PolynomialBasis(1, 1), np.array([[0.0], [1.0], [3.0]]), np.array([0.0, 1.0, 2.0]))
     assert np.isinf(fit.k_fold([np.array([0, 1])])[:2]).all()
     assert np.isinf(fit.k_fold([np.array([0, 1, 2])])).all()
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_the_noise_is_that_of_the_residuals_over_the_spare_points(random, weighted):
+    points, weights = random.standard_normal((12, 1)), random.uniform(0.5, 2.0, 12) if weighted else None
+    values = random.standard_normal((12, 2))
+    fit = fit_polynomial(PolynomialBasis(1, 3), points, values, weights)
+    squares = (fit.residuals.T**2 * (1.0 if weights is None else weights)).sum(axis=1)
+    np.testing.assert_allclose(fit.noise_variance, squares / 8.0)
+    exact = fit_polynomial(PolynomialBasis(1, 3), points[:4], values[:4])
+    assert np.isnan(exact.noise_variance).all()

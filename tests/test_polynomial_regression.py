@@ -478,3 +478,13 @@ def test_a_robust_fit_that_goes_on_says_so(monkeypatch):
     monkeypatch.setattr(polynomial_regression, "HUBER_STEPS", 15)
     nearly = lineOf(inputs, outputs, Robust=True)
     np.testing.assert_allclose(np.array(nearly.getCoefficients()), np.array(settled.getCoefficients()), rtol=1e-3)
+
+
+def test_an_output_that_is_constant_decides_nothing_about_the_degree():
+    ot.RandomGenerator.SetSeed(2)
+    inputs = np.array(ot.Normal(1).getSample(60))
+    outputs = np.hstack([inputs**2, np.full((60, 1), 3.0)])
+    regression = MultivariatePolynomialRegression(inputs, outputs, ot.Normal(1))
+    errors = regression.selectDegree()
+    assert regression.getDegree() == 2
+    assert np.isfinite(list(errors.values())).all()

@@ -12,9 +12,11 @@ from separation_cases import (
     truth_separation,
 )
 
+from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import quaternion_product, rotation_matrix
 from satsep_ot.dynamics.separation import Body, ForceLine, Separation, Springs, Status
 from satsep_ot.dynamics.simulation import inertial_motion, simulate, trajectory
+from satsep_ot.dynamics.springs import ForceLaw
 
 
 def relative_error(value, truth, floor=1e-3):
@@ -233,6 +235,9 @@ def test_absurd_rates_end_in_bounded_steps(rates):
         ({"gradient_torque": True}, "without an orbit"),
         ({"envelope": [[0.0, 1.0, 0.0]], "recess_radius": 0.5, "recess_depth": 0.25}, "no point lies in the recess"),
         ({"horizon": -1.0}, "horizon = -1.0 s"),
+        ({"rates": [0.0, 1.0]}, "rates = [0.0, 1.0]; 3 numbers are allowed"),
+        ({"attitude": [1.0, 0.0, 0.0]}, "attitude = [1.0, 0.0, 0.0]; 4 numbers are allowed"),
+        ({"recontact": Recontact()}, "recontact is asked for without an orbit"),
     ],
 )
 def test_what_is_not_allowed_is_named(changes, message):
@@ -254,3 +259,14 @@ def test_arguments_of_simulate_are_checked():
         Springs(SQUARE, 0.3, 5500.0, 0.04, [0.03, 0.03])
     with pytest.raises(ValueError, match="springs"):
         Separation(Body(1.0, [1.0, 1.0, 1.0]), Body(1.0, [1.0, 1.0, 1.0]), Springs([], 0.3, 1.0, 1.0, 1.0))
+
+
+def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
+    table = [[0.0, 200.0], [0.03, 100.0]]
+    with pytest.raises(ValueError, match=r"springs\.tables has 3 entries; one \(or None\) for each of 4 springs"):
+        Springs(SQUARE, 0.3, 0.0, 0.0, 0.03, tables=[table] * 3)
+    with pytest.raises(ValueError, match=r"springs\.laws = .*one law for each spring, TABLE where there is a table"):
+        Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, laws=[ForceLaw.TABLE] * 4)
+    # A spring with a table has no stiffness of its own.
+    with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; 0 is allowed, since another law"):
+        symmetric_separation(springs=Springs(SQUARE, 0.3, [0.0, 5500.0, 0.0, 0.0], 0.0, 0.03, tables=[table] * 4))

@@ -74,6 +74,9 @@ def test_what_holds_no_runs_is_refused(tmp_path):
         path.write_bytes(content)
         with pytest.raises(ValueError, match="holds no true runs"):
             TrueRuns.load(path)
+    np.savez(path, document=np.array(json.dumps({"format": "TrueRuns 0"})))
+    with pytest.raises(ValueError, match="holds no true runs"):
+        TrueRuns.load(path)
     # A pickle inside is not loaded: numpy refuses it, and so do we.
     np.savez(path, document=np.array([{"format": "TrueRuns 1"}], dtype=object))
     with pytest.raises(ValueError, match="holds no true runs"):
