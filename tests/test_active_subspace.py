@@ -710,3 +710,18 @@ def test_a_constant_has_no_average_direction_and_no_sobol_bound():
         result.getAverageGradient()
     with pytest.raises(ValueError, match="no Sobol indices"):
         result.getTotalSobolBound()
+    # Noise has a variance, but nothing that an input could explain.
+    with pytest.raises(ValueError, match="no Sobol indices"):
+        result_of(noisyFunction(0.02, 0.0), ot.Normal(3)).getTotalSobolBound()
+
+
+def test_rounding_beside_a_single_direction_is_no_group():
+    direction = np.linalg.qr(np.random.default_rng(0).normal(size=(4, 4)))[0][:, 0]
+    points = np.random.default_rng(2).normal(size=(60, 4))
+    algorithm = ActiveSubspaceAlgorithm.FromGradientSample(
+        ot.Normal(4), points, points[:, :1], np.exp(points[:, :1]) * direction
+    )
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getRepeatedGroups() == []
+    assert "3 of 4 are 0" in result.drawEigenvalues().getTitle()
