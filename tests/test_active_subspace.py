@@ -725,3 +725,11 @@ def test_rounding_beside_a_single_direction_is_no_group():
     result = algorithm.getResult()
     assert result.getRepeatedGroups() == []
     assert "3 of 4 are 0" in result.drawEigenvalues().getTitle()
+
+
+@pytest.mark.parametrize("method", ["CentralDifference", "ForwardDifference"])
+def test_differences_of_several_outputs_are_those_of_each(method):
+    function = ot.SymbolicFunction(["a", "b"], ["3 * a", "a - 2 * b", "b"])
+    result = result_of(function, ot.Normal(2), setGradientMethod=method, setSamplingSize=5)
+    expected = [[3.0, 1.0, 0.0], [0.0, -2.0, 1.0]]
+    np.testing.assert_allclose(result.getGradientSample(), np.broadcast_to(expected, (5, 2, 3)), atol=1e-6)

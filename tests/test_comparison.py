@@ -214,3 +214,61 @@ def test_an_interrupt_inside_form_ends_the_comparison():
     comparison = ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 2.0), ["FORM"])
     with pytest.raises(KeyboardInterrupt):
         comparison.run()
+
+
+class Shown:
+    """A SORM result that has no formula but those that it is given."""
+
+    def __init__(self, **values):
+        self.values = values
+
+    def __getattr__(self, name):
+        formula = name.removeprefix("getEventProbability")
+
+        def probability():
+            if formula not in self.values:
+                raise RuntimeError("NotDefinedException : a curvature is too large")
+            return self.values[formula]
+
+        return probability
+
+
+def test_a_formula_that_is_not_defined_is_noted_and_one_that_is_asked_for_is_an_error(monkeypatch):
+    monkeypatch.setattr(c.SORM, "solve", lambda self, problem, algorithm: (Shown(Breitung=1e-3), True, "told"))
+    event = Recorder().event
+    row = run(event, [c.SORM()]).getRow("SORM")
+    assert row.probability == 1e-3
+    assert row.note == "told; Hohenbichler not defined here; Tvedt not defined here"
+    row = run(event, [c.SORMTvedt()]).getRow("SORMTvedt")
+    assert row.probability is None
+    assert "a curvature is too large" in row.note
+
+
+@pytest.mark.parametrize("method", [c.ImportanceSampling(), c.LineSampling()], ids=lambda method: method.name)
+def test_without_a_design_point_there_is_nothing_to_sample_around(method, monkeypatch):
+    monkeypatch.setattr(c.FORM, "solve", lambda self, problem, algorithm: (None, False, "it went round in circles"))
+    row = run(Recorder().event, [method]).getRow(method.name)
+    assert row.probability is None
+    assert "FORM has no design point" in row.note
+    assert "it went round in circles" in row.note
+
+
+@pytest.mark.parametrize(("probability", "variation"), [(0.0, 0.1), (1e-3, math.inf), (1e-3, -1.0)])
+def test_an_estimate_without_a_number_is_none(probability, variation, monkeypatch):
+    class Algorithm:
+        def run(self):
+            pass
+
+        def getResult(self):
+            return self
+
+        def getProbabilityEstimate(self):
+            return probability
+
+        def getCoefficientOfVariation(self):
+            return variation
+
+    monkeypatch.setattr(c.NAIS, "build", lambda self, problem: Algorithm())
+    row = run(Recorder().event, [c.NAIS()]).getRow("NAIS")
+    assert row.probability is None
+    assert row.note.startswith("no usable estimate: probability")

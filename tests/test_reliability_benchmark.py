@@ -342,3 +342,19 @@ def test_bad_settings_are_refused():
         ReliabilityBenchmark([task()], ["Magic"])
     with pytest.raises(RuntimeError, match="run"):
         ReliabilityBenchmark([task()], ["FORM"]).getResult()
+
+
+def test_a_method_that_never_answers_is_wrong_and_has_no_error():
+    row = rows([Told("mute", [None])])["mute"]
+    assert (row.verdict, row.failed, row.repetitions) == ("wrong", 4, 4)
+    assert "no idea" in row.message
+    assert row.error is None
+    assert row.evaluations == 100.0
+
+
+def test_a_benchmark_shows_what_it_is_made_of():
+    benchmark = ReliabilityBenchmark([task()], [Told("a", [1.0])], 2)
+    assert repr(benchmark) == "ReliabilityBenchmark(problems=['task'], methods=['a'], repetitions=2, seed=0)"
+    assert benchmark.getScheduler().isInPlace()
+    benchmark.run()
+    assert repr(benchmark.getResult()) == "ReliabilityBenchmarkResult(rows=1)"
