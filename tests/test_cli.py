@@ -1,5 +1,6 @@
 """The command line: what it prints, its exit codes, and one sentence instead of a traceback."""
 
+import io
 import json
 import re
 import signal
@@ -11,7 +12,9 @@ import pytest
 
 import satsep_ot
 from satsep_ot import cli
+from satsep_ot.methods.chunk_scheduler import ChunkError
 from satsep_ot.model.case import load_case
+from satsep_ot.model.separation_function import SeparationError
 
 SMALL = (
     "[platform]\nmass = 10\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
@@ -496,3 +499,76 @@ def test_a_study_of_discrete_inputs_is_refused(tmp_path, capsys):
     assert "needs continuous inputs, but works [1] (Bernoulli) has atoms" in error
     assert "condition on its values" in error
     assert not (tmp_path / "results").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (ChunkError(20, 30, [("process 7", "OSError: disk full")]), "rows 20 to 29 .*disk full.*; nothing was written"),
+        (SeparationError("row 3 was not released"), "row 3 was not released$"),
+    ],
+)
+def test_errors_of_the_runs_are_one_sentence(error, words, monkeypatch, capsys):
+    def fail(options):
+        raise error
+
+    monkeypatch.setattr(cli, "_simulate", fail)
+    assert re.search(words, refused(["simulate"], capsys, 1).strip())
+
+
+def test_a_defect_keeps_its_traceback(monkeypatch):
+    def fail(options):
+        raise ValueError("shapes do not match")
+
+    monkeypatch.setattr(cli, "_simulate", fail)
+    with pytest.raises(ValueError, match="shapes do not match"):
+        cli.main(["simulate"])
+
+
+def test_a_reader_that_has_left_is_told_nothing(monkeypatch):
+    def fail(options):
+        raise BrokenPipeError
+
+    class Terminal(io.StringIO):
+        text = ""
+
+        def close(self):
+            self.text = self.getvalue()
+            super().close()
+
+    stream = Terminal()
+    monkeypatch.setattr(cli, "_simulate", fail)
+    monkeypatch.setattr(sys, "stderr", stream)
+    assert cli.main(["simulate"]) == 0
+    assert stream.closed
+    assert stream.text == ""
+
+
+def test_a_terminal_shows_a_bar_and_nothing_of_it_stays(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    monkeypatch.setenv("TERM", "xterm")
+    with cli._progress() as show:
+        show("gradients", 0.25)
+        show("figures", 0.75)
+    assert "75%" in stream.getvalue()
+    assert "figures" in stream.getvalue()
+
+
+def test_check_tells_correlations_struts_and_mounting_errors(tmp_path, capsys):
+    text = SMALL.replace("stroke = 10", 'stroke = 10\nforce_line = "strut"\nstowed_length = 50') + (
+        "[initial]\nmounting_error = [0.1, 0.2, 0.3]\n"
+        '[inputs]\na = { quantity = "satellite.mass", sigma = 0.01 }\n'
+        'b = { quantity = "platform.mass", sigma = 0.01 }\n'
+        '[[correlation]]\ninputs = ["a", "b"]\ncoefficient = 0.5\n'
+    )
+    path = tmp_path / "case.toml"
+    path.write_text(text, encoding="utf-8")
+    assert cli.main(["check", str(path)]) == 0
+    out = capsys.readouterr().out
+    for words in ("a and b are correlated: 0.5", "Stowed length 50 mm", "Mounting error 0.1, 0.2, 0.3 deg"):
+        assert words in out

@@ -231,6 +231,7 @@ def test_probabilities_without_any_number():
         lambda: figures.eigenvalues_figure({}, {}),
         lambda: figures.sufficient_summary_figure({}, {}),
         lambda: figures.density_figure({}),
+        lambda: figures.draw_shares({}),
     ],
 )
 def test_nothing_to_draw_is_an_error(call):

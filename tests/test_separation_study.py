@@ -106,3 +106,13 @@ def test_bad_arguments_are_named():
         SeparationStudy(problem, sampleSize=0)
     with pytest.raises(ValueError, match="there is no ActiveSubspace result of 'spin'"):
         SeparationStudy(problem).getReliabilityResult("spin")
+
+
+def test_what_a_study_is_made_of_and_what_it_found(study):
+    assert (
+        repr(study)
+        == "SeparationStudy(case=reference, methods=['ActiveSubspace', 'FORM', 'MonteCarlo'], seed=5, sampleSize=20000)"
+    )
+    assert study.getReliabilityResult("spin").getConverged()
+    assert set(study.getViolations()) <= set(SeparationProblem("reference").getRequirementNames())
+    assert study.getViolations()["spin"].distance > 2.0

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from satsep_ot.methods.reliability_result import clopperPearson
-from satsep_ot.studies.verdicts import best_row, contradiction, judge
+from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, headline, judge
 
 
 def row(method, lower, upper, converged=True):
@@ -85,3 +85,10 @@ def test_the_interval_of_monte_carlo_holds_the_truth_as_often_as_the_report_says
     one_sided = (expected > 2.99) & (expected < 3.5)
     assert coverage[~one_sided].min() >= 0.95
     assert round(coverage[one_sided].min(), 3) == 0.938
+
+
+def test_headlines_of_none_one_and_all():
+    assert headline([]) == "The case has no requirements."
+    met = Verdict("spin", "met", "", None)
+    assert headline([met]) == "The requirement is met with 95 % confidence."
+    assert headline([met, met]) == "Every requirement is met with 95 % confidence."

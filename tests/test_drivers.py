@@ -1,0 +1,111 @@
+"""What drives a probability: how scatter is told, tolerances that are tightened, and the most likely violation."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import openturns as ot
+import pytest
+
+from satsep_ot.model.case import load_case, parse_case
+from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies import drivers
+
+CASE = """
+[platform]
+mass = 10
+inertia = [1, 1, 1]
+center_of_mass = [0, -100, 0]
+[satellite]
+mass = 1
+inertia = [0.01, 0.01, 0.01]
+center_of_mass = [0, 100, 0]
+[springs]
+count = 2
+radius = 100
+stiffness = 100
+deformation = 20
+stroke = 10
+[inputs]
+mass = { quantity = "satellite.mass", sigma = 0.03 }
+rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
+[[requirements]]
+name = "rolling"
+quantity = "spin"
+maximum = 1.0
+[[requirements]]
+name = "never"
+quantity = "axial_velocity"
+minimum = -5.0
+"""
+
+
+@pytest.fixture(scope="module")
+def problem():
+    return SeparationProblem(parse_case(CASE, "mine.toml"))
+
+
+def test_scatter_in_words():
+    row = load_case("reference").inputs[0]
+    assert (
+        drivers.describe_scatter(replace(row, distribution=ot.Distribution(ot.Uniform(1.0, 2.5))))
+        == "1 to 2.5 kg, uniform"
+    )
+    gumbel = ot.Distribution(ot.Gumbel(1.0, 2.0))
+    assert drivers.describe_scatter(replace(row, distribution=gumbel)) == f"{gumbel} kg"
+
+
+def test_a_tolerance_that_is_none_is_named():
+    with pytest.raises(ValueError, match=r"'colour' is no tolerance of this case; it has .*satellite_mass"):
+        drivers.scaled_case(load_case("reference"), "colour", 0.5)
+
+
+class Told:
+    """A result whose re-weighted probability is told, or what is raised instead."""
+
+    def __init__(self, answer):
+        self.answer = answer
+
+    def getProbabilityEstimate(self):
+        return 1e-3
+
+    def computeProbability(self, distribution):
+        if isinstance(self.answer, Exception):
+            raise self.answer
+        return self.answer
+
+
+def test_what_cannot_be_told_is_left_out_and_an_interrupt_is_one(problem):
+    case = problem.getCase()
+    for error in (RuntimeError("no run has failed"), ValueError("it reaches further")):
+        assert drivers.tightened_probabilities(case, Told(error), ["mass"]) == {}
+    with pytest.raises(KeyboardInterrupt):
+        drivers.tightened_probabilities(case, Told(RuntimeError("KeyboardInterrupt: in Python")), ["mass"])
+
+
+def test_the_most_likely_violation_and_none_where_nothing_violates(problem):
+    found = drivers.most_likely_violation(problem, "rolling")
+    assert found.distance == pytest.approx(2.5, rel=0.01)
+    assert abs(found.standard[1]) == pytest.approx(2.5, rel=0.01)
+    assert drivers.most_likely_violation(problem, "never") is None
+
+
+def test_the_nearest_true_violation_stands_where_the_search_ends_in_an_error(problem, monkeypatch):
+    sample = ot.Sample(np.array(problem.getDistribution().getSample(20_000)))
+
+    class Failing:
+        message = "InternalException : no convergence"
+
+        def __init__(self, *arguments):
+            pass
+
+        def run(self):
+            raise RuntimeError(self.message)
+
+    monkeypatch.setattr(drivers.ot, "FORM", Failing)
+    found = drivers.most_likely_violation(problem, "rolling", sample)
+    assert 2.5 < found.distance < 3.0
+    assert math.isclose(found.distance, np.linalg.norm(found.standard))
+    monkeypatch.setattr(Failing, "message", "KeyboardInterrupt: in Python")
+    with pytest.raises(KeyboardInterrupt):
+        drivers.most_likely_violation(problem, "rolling", sample)
