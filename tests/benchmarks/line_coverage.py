@@ -1,10 +1,10 @@
-"""Which lines do the fast tests not reach? Kernels run as plain Python for it: coverage does not see compiled code.
+"""Which lines do the tests not reach? Kernels run as plain Python for it: coverage does not see compiled code.
 
     python tests/benchmarks/line_coverage.py FOLDER [TEST ...]
 
-Two runs, put together in FOLDER: those tests of the simulator that take no more than some seconds with its kernels as
-plain Python, and all fast tests (or those named) as ever, with the processes that they start. Prints the share of each
-file and the lines missed.
+Three runs, put together in FOLDER: those tests of the simulator that take no more than some seconds with its kernels as
+plain Python, all fast tests (or those named) as ever, with the processes that they start, and the slow ones of a
+cluster. Prints the share of each file and the lines missed.
 """
 
 import argparse
@@ -22,6 +22,7 @@ import pytest
 from mutation_check import ALL_MOTION, Order, run_tests
 
 ROOT = Path(__file__).resolve().parents[2]
+CLUSTER = [f"tests/test_{name}.py" for name in ("dask", "study_workers", "chunk_scheduler")]
 # What cannot be reached in a test, or is there for type checkers alone, is left out.
 CONFIGURATION = """
 [run]
@@ -59,7 +60,7 @@ def measure(folder, run, tests):
         # A test is not to be interrupted here, where the interruption may leave the record locked.
         run_tests(tests, Order(json.loads(durations.read_text()), limit=600.0))
     else:
-        pytest.main(["-q", "-p", "no:cacheprovider", "-m", "not slow", *tests])
+        pytest.main(["-q", "-p", "no:cacheprovider", "-m", "slow" if run == "slow" else "not slow", *tests])
     record.stop()
     record.save()
 
@@ -68,7 +69,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("tests", nargs="*", default=["tests", "satsep_ot"])
-    parser.add_argument("--run", choices=("durations", "plain", "compiled"), help=argparse.SUPPRESS)
+    parser.add_argument("--run", choices=("durations", "plain", "compiled", "slow"), help=argparse.SUPPRESS)
     options = parser.parse_intermixed_args()
     folder = options.folder.resolve()
     folder.mkdir(parents=True, exist_ok=True)
@@ -76,8 +77,9 @@ def main():
         measure(folder, options.run, options.tests)
         return
     motion = [f"tests/test_{name}.py" for name in (*ALL_MOTION, "force_table")] + ["satsep_ot/dynamics"]
-    for run, tests in (("durations", motion), ("plain", motion), ("compiled", options.tests)):
-        environment = os.environ | ({} if run == "compiled" else {"NUMBA_DISABLE_JIT": "1"})
+    runs = {"durations": motion, "plain": motion, "compiled": options.tests, "slow": CLUSTER}
+    for run, tests in runs.items():
+        environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if tests is motion else {})
         command = [sys.executable, __file__, str(folder), "--run", run, *tests]
         subprocess.run(command, cwd=ROOT, env=environment, check=True)
     record = recorder(folder)
