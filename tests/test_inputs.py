@@ -1,6 +1,7 @@
 """Uncertain inputs: the table of the reference case, and the map from samples to parameters and back."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -341,3 +342,24 @@ def test_a_distribution_without_quantiles_is_refused(case, quantiles, words, mon
     nominal = dict(zip(case.separation.parameter_names(), case.separation.parameters(), strict=True))
     with pytest.raises(ValueError, match=words):
         inputs.check_range(case.inputs[0], nominal)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "meant"),
+    [
+        # The nearest spelling of the first is "sigma", which would be three times the scatter.
+        ("three_sigma = 3.0", "3sigma = 3.0", "three_sigma"),
+        ("three_sigma = 3.0", '"3 Sigma" = 3.0', "three_sigma"),
+        ("three_sigma = 3.0", "sgma = 3.0", "sigma"),
+        ("springs.stiffness.each", "springs.stifness.each", "springs.stiffness.each"),
+        ("springs.stiffness.each", "springs.stifness", "springs.stiffness"),
+    ],
+)
+def test_the_suggested_word_means_what_was_meant(old, new, meant):
+    text = load_case("reference").text
+    text = text[: text.index("[inputs]")] + (
+        '[inputs]\nstiffness = { quantity = "springs.stiffness.each", three_sigma = 3.0 }\n'
+    )
+    assert parse_case(text).inputs
+    with pytest.raises(CaseError, match=rf"did you mean '{re.escape(meant)}'\?$"):
+        parse_case(text.replace(old, new))

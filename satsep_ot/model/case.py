@@ -870,7 +870,11 @@ def _targets(table, name, targets):
             return [(f"{name}_{key.rpartition('.')[2]}", targets[key]) for key in single]
     if quantity not in targets:
         general = [key for key in targets if not key.rsplit(".", 1)[-1].isdigit()]
-        hint = did_you_mean(quantity, general) or f" such as {', '.join(general[:3])}, ... ({len(general)} in all)"
+        each = [f"{key.rpartition('.')[0]}.each" for key in targets if key not in general]
+        hint = (
+            did_you_mean(quantity, [*general, *each])
+            or f" such as {', '.join(general[:3])}, ... ({len(general)} in all)"
+        )
         raise table.error("quantity", quantity, f"a quantity of this case{hint}")
     return [(name, targets[quantity])]
 

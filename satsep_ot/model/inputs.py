@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -48,6 +49,8 @@ _POSITIVE = (
     "recess.radius",
     "recess.depth",
 )
+# What people write, without case and separators, for a word that is spelt otherwise: another one would be nearer.
+_SYNONYMS = dict.fromkeys(("3sigma", "3s", "sigma3"), "three_sigma")
 # What OpenTURNS raises where a distribution refuses its parameters, or has none.
 _REFUSALS = (RuntimeError, TypeError, ValueError, IndexError, MemoryError)
 _NOT_NEGATIVE = (".radius", ".delay", ".scale", "guide_friction")
@@ -329,7 +332,8 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     "; did you mean 'mass'?"
     """
     lower = {word.lower(): word for word in known}
-    nearest = difflib.get_close_matches(given.lower(), lower, n=1)
+    synonym = _SYNONYMS.get(re.sub(r"[\W_]", "", given.lower()))
+    nearest = [synonym] if synonym in lower else difflib.get_close_matches(given.lower(), lower, n=1)
     return f"; did you mean '{lower[nearest[0]]}'?" if nearest else ""
 
 
