@@ -177,3 +177,28 @@ def test_the_pareto_shape_is_that_of_the_largest_fifth():
     # A few large ones among ten: the shape cannot be below the moments of the largest ten.
     assert paretoShape(np.array([1.0] * 9 + [1e6])) > 0.7
     assert paretoShape(np.concatenate([np.ones(200), [1e9]])) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("limit", "options", "levels", "reached"),
+    [(12.0, {}, 12, True), (20.0, {}, 14, False), (20.0, {"maximumLevels": 25}, 21, True)],
+)
+def test_the_search_is_given_up_after_fifteen_levels(limit, options, levels, reached):
+    sizes = []
+
+    def far(y):
+        sizes.append(len(y))
+        return limit - y[:, 0], np.full(len(y), 1e-3)
+
+    mixture = fitImportantRegion(far, 1, generator(), **options)
+    assert (mixture is not None) == reached
+    # The closing one takes three times as many points; where the last but one shows nothing, it is not made.
+    assert sizes == [8000] * (levels - reached) + [24_000] * reached
+    assert not reached or mixture.means.max() == pytest.approx(limit, rel=0.05)
+
+
+def test_clusters_that_are_close_to_each_other_are_told_apart():
+    points = np.repeat([[-0.02], [0.02]], 200, axis=0)
+    assert len(fitGaussianMixture(points, generator(), components=2).weights) == 2
+    # Points that are all the same are one cluster.
+    assert len(fitGaussianMixture(np.ones((50, 1)), generator(), components=2).weights) == 1

@@ -1221,6 +1221,9 @@ def test_events_and_components_that_cannot_be_treated_are_refused_with_the_reaso
     threshold = ot.ThresholdEvent(scalar, ot.Greater(), 3.0)
     with pytest.raises(ValueError, match="has 1 inputs, but the event's distribution has 2"):
         LimitStateEvent(threshold, ot.SymbolicFunction(["a"], ["a"]), total)
+    for indices in ([], [0, 2], [-1, 0]):
+        with pytest.raises(ValueError, match=r"the smooth indices are .*; they must lie in 0 to 1"):
+            LimitStateEvent(threshold, two, total, indices)
     with pytest.raises(ValueError, match="must map the 1 smooth outputs on 1 value, but it maps 2 on 1"):
         LimitStateEvent(threshold, two, total, [0])
     with pytest.raises(ValueError, match="'ignore'; give one of"):

@@ -15,7 +15,7 @@ from separation_cases import (
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import quaternion_product, rotation_matrix
 from satsep_ot.dynamics.separation import Body, ForceLine, Separation, Springs, Status
-from satsep_ot.dynamics.simulation import inertial_motion, simulate, trajectory
+from satsep_ot.dynamics.simulation import inertial_motion, simulate, simulate_with_gradients, trajectory
 from satsep_ot.dynamics.springs import ForceLaw
 
 
@@ -270,3 +270,15 @@ def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
     # A spring with a table has no stiffness of its own.
     with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; 0 is allowed, since another law"):
         symmetric_separation(springs=Springs(SQUARE, 0.3, [0.0, 5500.0, 0.0, 0.0], 0.0, 0.03, tables=[table] * 4))
+
+
+def test_the_tolerance_is_1e_8_where_none_is_given():
+    separation = general_separation()
+    times = [0.05, 0.2]
+    for run in (
+        lambda **tolerance: simulate(separation, **tolerance).base,
+        lambda **tolerance: simulate_with_gradients(separation, **tolerance).gradients,
+        lambda **tolerance: trajectory(separation, times, **tolerance).states,
+    ):
+        np.testing.assert_array_equal(run(), run(tolerance=1e-8))
+        assert not np.array_equal(run(), run(tolerance=2e-8))
