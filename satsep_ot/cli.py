@@ -825,17 +825,18 @@ def _conditions(separation):
 
 
 def _inputs(inputs):
-    from satsep_ot.model.inputs import quantile_range
+    from satsep_ot.model.inputs import interval_digits, quantile_range
 
     table = _table(f"Uncertain inputs ({len(inputs)})", "name", "unit", "distribution", ">0.1 %", ">99.9 %", "what")
     for row in inputs:
         low, high = quantile_range(row.distribution)
+        digits = interval_digits(low, high, 6)
         table.add_row(
             _plain(row.name),
             row.unit,
             _plain(str(row.distribution)),
-            f"{low:.6g}",
-            f"{high:.6g}",
+            f"{low:.{digits}g}",
+            f"{high:.{digits}g}",
             _plain(row.description),
         )
     return table

@@ -51,6 +51,10 @@ def test_scatter_in_words():
         drivers.describe_scatter(replace(row, distribution=ot.Distribution(ot.Uniform(1.0, 2.5))))
         == "1 to 2.5 kg, uniform"
     )
+    # An interval that is narrow beside its mean still has a width.
+    for low, high, words in ((199.5, 200.5, "199.5 to 200.5"), (-1e6, 0.1 - 1e6, "-1000000 to -999999.9")):
+        narrow = replace(row, distribution=ot.Distribution(ot.Uniform(low, high)))
+        assert drivers.describe_scatter(narrow) == f"{words} kg, uniform"
     gumbel = ot.Distribution(ot.Gumbel(1.0, 2.0))
     assert drivers.describe_scatter(replace(row, distribution=gumbel)) == f"{gumbel} kg"
 

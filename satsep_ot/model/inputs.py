@@ -350,6 +350,22 @@ def quantile_range(distribution: ot.Distribution) -> tuple[float, float]:
     return distribution.computeQuantile(0.001)[0], distribution.computeQuantile(0.999)[0]
 
 
+def interval_digits(low: float, high: float, least: int = 3) -> int:
+    """Significant digits in which the ends of an interval show its width to about three, however far from 0 it lies.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.inputs import interval_digits
+    >>> f"{199.95:.{interval_digits(199.95, 200.05)}g}"
+    '199.95'
+    """
+    width = high - low
+    if not 0.0 < width < math.inf:
+        return least
+    # Beyond 15 digits there is only rounding.
+    return min(max(least, 3 + math.ceil(math.log10(max(abs(low), abs(high)) / width))), 15)
+
+
 def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> None:
     """Refuse an input whose 0.1 % quantile gives a parameter a value without physical sense.
 

@@ -13,7 +13,7 @@ from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.case import Case, Requirement
-from satsep_ot.model.inputs import ParameterMap, joint_distribution, quantile_range
+from satsep_ot.model.inputs import ParameterMap, interval_digits, joint_distribution, quantile_range
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
 _SLOWEST, _FASTEST = 0.02, 5.0  # m/s
@@ -205,20 +205,22 @@ def _of_the_bodies(separation):
 def _of_the_inputs(case):
     for row in case.inputs:
         low, high = quantile_range(row.distribution)
+        digits = interval_digits(low, high, 4)
+        likely = f"{low:.{digits}g} to {high:.{digits}g} {row.unit}"
         half = 0.5 * (high - low)
         mean = row.distribution.getMean()[0]
         yield from _beyond_a_table(case.separation, row, high)
         positive = row.unit in ("kg", "N/m") or row.parameters[0].endswith(("inertia.xx", "inertia.yy", "inertia.zz"))
         if positive and half > 3.0 * _LARGEST_RELATIVE_SCATTER * abs(mean):
             yield (
-                f"{row.name}: 99.8 % of its values lie within {low:.4g} to {high:.4g} {row.unit}, a scatter of "
+                f"{row.name}: 99.8 % of its values lie within {likely}, a scatter of "
                 f"{100.0 * half / abs(mean):.0f} % of its mean"
             )
         # The end of a one-sided law, such as a delay of 0, may well be the nominal value.
         if abs(row.reference - 0.5 * (low + high)) > 2.0 * half:
             yield (
-                f"{row.name}: its nominal value, {row.reference:.4g} {row.unit}, is not among the likely ones, "
-                f"{low:.4g} to {high:.4g}: the nominal run is not typical"
+                f"{row.name}: its nominal value, {row.reference:.{digits}g} {row.unit}, is not among the likely ones, "
+                f"{likely}: the nominal run is not typical"
             )
 
 

@@ -11,7 +11,7 @@ from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import SYSTEM, Case
-from satsep_ot.model.inputs import ParameterMap, UncertainInput, joint_distribution
+from satsep_ot.model.inputs import ParameterMap, UncertainInput, interval_digits, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -33,14 +33,17 @@ def describe_scatter(row: UncertainInput) -> str:
     >>> from satsep_ot.studies.drivers import describe_scatter
     >>> describe_scatter(load_case("reference").inputs[0])
     'sigma 0.5 kg'
+    >>> describe_scatter(load_case("reference").inputs[-1])
+    '0 to 2 ms, uniform'
     """
     distribution = row.distribution
     kind = distribution.getImplementation().getClassName()
     if kind == "Normal":
         return f"sigma {distribution.getStandardDeviation()[0]:.3g} {row.unit}"
     if kind == "Uniform":
-        low, high = distribution.getRange().getLowerBound()[0], distribution.getRange().getUpperBound()[0]
-        return f"{low:.3g} to {high:.3g} {row.unit}, uniform"
+        low, high = distribution.getParameter()
+        digits = interval_digits(low, high)
+        return f"{low:.{digits}g} to {high:.{digits}g} {row.unit}, uniform"
     return f"{distribution} {row.unit}"
 
 
