@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from benchmarks import simulator_peers as peers
+from separation_cases import TRUTH_CASES, truth_separation
 
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.separation import Body, Separation, Springs
@@ -14,6 +15,21 @@ def test_scipy_finds_the_same(case):
     separation, rows = case(2, seed=1)
     ours, scipy = peers.our_summary(separation, rows, 1e-12), peers.scipy_summary(separation, rows, rtol=1e-11)
     assert peers.largest_difference(ours, scipy) < 1e-9
+
+
+@pytest.mark.parametrize("force_line", ["guided", "strut"])
+@pytest.mark.parametrize("case", TRUTH_CASES)
+def test_scipy_finds_the_reference_solutions(case, force_line):
+    """Those in 128-bit arithmetic, whose program is not here: scipy's integrator vouches for the stored numbers."""
+    truth = TRUTH_CASES[case]["results"][force_line]
+    velocity, rates = (np.array(truth["at_last_release"][name])[None] for name in ("dv_platform", "w_sat"))
+    expected = peers.summary(
+        velocity[:, 1], np.hypot(velocity[:, 0], velocity[:, 2]), rates, np.array(truth["t_release"])[None],
+        np.empty((1, 0)),
+    )  # fmt: skip
+    separation = truth_separation(case, force_line)
+    scipy = peers.scipy_summary(separation, separation.parameters()[None], rtol=1e-12, atol=1e-13)
+    assert peers.largest_difference(expected, scipy) < 1e-10
 
 
 def random_body(rng, mass):
