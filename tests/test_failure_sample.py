@@ -314,3 +314,36 @@ def test_weights_with_a_large_error_are_named_though_many_runs_failed():
     assert (answer.probability, answer.lower, answer.coefficientOfVariation) == (0.0, 0.0, math.inf)
     assert 0.0 < answer.upper <= 1.0
     assert "error of more than half" in answer.warning
+
+
+class Linked(ot.PythonDistribution):
+    """A normal law whose parameters can only be changed together."""
+
+    def __init__(self):
+        super().__init__(1)
+
+    def getRange(self):
+        return ot.Normal().getRange()
+
+    def computeCDF(self, x):
+        return ot.Normal().computeCDF(x)
+
+    def computePDF(self, x):
+        return ot.Normal().computePDF(x)
+
+    def getParameter(self):
+        return [0.0]
+
+    def getParameterDescription(self):
+        return ["knob"]
+
+    def setParameter(self, parameter):
+        raise ValueError("only together")
+
+
+def test_a_parameter_that_cannot_be_changed_by_itself_has_no_derivative():
+    law = ot.Distribution(Linked())
+    x = np.array(ot.Normal().getSample(200))
+    rows = computeParameterSensitivity(FailureSample.ofMonteCarlo(x, x[:, 0] > 0.5), law, 0.95)
+    assert [row.note for row in rows] == ["the parameter cannot be changed by itself"]
+    assert rows[0].derivative is None

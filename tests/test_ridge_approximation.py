@@ -7,7 +7,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods import ridge_approximation
+from satsep_ot.methods import ridge_approximation, variable_projection
 from satsep_ot.methods.polynomial_basis import fit_polynomial
 from satsep_ot.methods.ridge_approximation import RidgeApproximation
 from satsep_ot.methods.subspace_estimation import orient, subspace_distance
@@ -341,3 +341,30 @@ def test_directions_that_have_not_converged_are_remarked(random, monkeypatch):
     monkeypatch.setattr(ridge_approximation, "fit_ridge", functools.partial(ridge_approximation.fit_ridge, steps=1))
     approximation.run()
     assert any("had not converged after" in remark for remark in approximation.getResult().getRemarks())
+
+
+def test_a_matrix_that_is_not_definite_gets_more_damping(random, monkeypatch):
+    points = random.standard_normal((100, 6))
+    values = np.exp(0.5 * points[:, 0])
+    expected = fit_ridge(points, values, 1)
+    original, calls = variable_projection.linalg.cho_factor, []
+
+    def reluctant(matrix, **options):
+        calls.append(matrix.diagonal().mean())
+        if len(calls) < 3:
+            raise np.linalg.LinAlgError("not positive definite")
+        return original(matrix, **options)
+
+    monkeypatch.setattr(variable_projection.linalg, "cho_factor", reluctant)
+    fit = fit_ridge(points, values, 1)
+    assert calls[0] < calls[1] < calls[2]
+    assert fit.converged
+    assert subspace_distance(fit.directions, expected.directions) < 1e-6
+
+
+def test_a_start_that_no_point_lies_beside_is_kept():
+    points = np.column_stack([np.linspace(-2.0, 2.0, 9), np.zeros(9)])
+    fit = fit_ridge(points, points[:, 0] ** 2, 1, 2, initial=np.array([[1.0], [0.0]]))
+    assert fit.converged
+    np.testing.assert_array_equal(np.abs(fit.directions), [[1.0], [0.0]])
+    assert fit.loss < 1e-28

@@ -221,7 +221,7 @@ def computeParameterSensitivity(
 
 def _score(marginal, place, column, copula, uniforms, index):
     """Derivative (n,) of the logarithm of the joint density; ValueError with the reason where there is none."""
-    if marginal.getImplementation().getClassName() == "Uniform":
+    if isinstance(marginal.getImplementation(), ot.Uniform):
         if copula is not None:
             raise ValueError("the bound of a uniform input that depends on others has no score")
         return _uniformScore(marginal, place, column)
