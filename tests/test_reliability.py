@@ -875,8 +875,8 @@ def test_a_normal_run_that_failed_where_the_surrogate_is_sure_is_missed():
     def misses(value, failed=True, other=(False, True)):
         surrogate = SimpleNamespace(reduce=lambda u: u, limitState=lambda y: (np.array([value]), np.array([1.0])))
         initial = SimpleNamespace(u=np.zeros((1, 1)), failed=np.array([failed]))
-        part = SimpleNamespace(failed=np.array([other[0]]), finite=np.array([other[1]]))
-        return bare(surrogate=surrogate, initial=initial, runs=[part])._missesKnownFailures()
+        part = SimpleNamespace(failed=np.array([other[0], False]), finite=np.array([other[1], True]))
+        return bare(surrogate=surrogate, initial=initial, runs=[part, part])._missesKnownFailures()
 
     # One in a hundred lies 2.33 standard deviations off.
     assert misses(2.4)

