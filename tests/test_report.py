@@ -6,9 +6,11 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from satsep_ot import cli
+from satsep_ot.methods.reliability_result import clopperPearson
 from satsep_ot.model.case import parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.report import COVERAGE, ReportError, _gain, render_report, write_report
@@ -111,6 +113,31 @@ def test_measured_coverage_is_that_of_the_benchmark(page):
     assert {name for name in found if name.startswith("reference-")} == {row[0] for row in COVERAGE.values()}
     # What is converged is what is shown: the benchmark's estimates all were.
     assert all(row.split()[14] == "100.0" for row in lines if row.startswith("reference-"))
+
+
+def test_the_table_of_coverage_is_what_the_benchmark_printed():
+    """docs/benchmarks.md, column by column; a probability of three digits and runs with a comma apart."""
+    root = Path(__file__).parent
+    lines = (root / "benchmarks" / "reliability_coverage.txt").read_text(encoding="utf-8").splitlines()
+    found = {tuple(row[:2]): row for row in map(str.split, lines) if len(row) == 17}
+    text = (root.parent / "docs" / "benchmarks.md").read_text(encoding="utf-8")
+    table = re.search(r"\| problem \| inputs \| probability \| known to .*?\n\n", text, re.DOTALL)[0]
+    for line in table.strip().splitlines()[2:]:
+        label, _, probability, *shown = (cell.strip() for cell in line.strip("|").split("|"))
+        name = label.split()[0].strip(",") if label.startswith("P") else f"reference-{label.replace(' ', '-')}"
+        row = found.pop((name, "safe" if "`safe`" in label else "fast"))
+        assert float(probability) == pytest.approx(float(row[3]), rel=5e-3)
+        assert shown == [row[4], row[2], f"{int(row[5]):,}", f"{row[7]} ± {row[8]}", *row[9:14]]
+    assert found == {}
+    # What is said of the spin below the table, and of sixteen repetitions.
+    _, _, count, _, error, _, _, bias, deviation, *_, below, above, _, _, _ = next(
+        row for row in map(str.split, lines) if row[:1] == ["reference-spin"]
+    )
+    misses = [round(0.01 * float(share) * int(count)) for share in (below, above)]
+    assert f"below {misses[0]} of the {count} intervals and above {misses[1]}." in text
+    sizes = float(bias) / float(deviation), float(bias) / np.hypot(float(error), float(deviation))
+    assert re.search(rf"is {sizes[0]:.0f} of\s+its own standard errors, and {sizes[1]:.1f} where", text)
+    assert f"coverage is above {100 * clopperPearson(16, 16)[0]:.0f} %" in text
 
 
 def test_why_an_estimate_with_half_a_tolerance_ended_is_told(page, results):
