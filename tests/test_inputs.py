@@ -344,6 +344,13 @@ def test_a_distribution_without_quantiles_is_refused(case, quantiles, words, mon
         inputs.check_range(case.inputs[0], nominal)
 
 
+@pytest.mark.parametrize("word", ["total_rate", "rate", "angular_rate", "tumbling", "Tip-off rate"])
+def test_a_word_for_the_whole_rate_is_answered_with_its_quantity(word):
+    # Of the names that are spelt like these, lateral_rate would leave out the spin, and rate_z all but one axis.
+    with pytest.raises(CaseError, match=r"did you mean 'tip_off_rate'\?$"):
+        parse_case(load_case("reference").text.replace('quantity = "spin"', f'quantity = "{word}"', 1))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "meant"),
     [

@@ -168,6 +168,21 @@ def test_any_other_limit(problem, sample, quantities):
         problem.getEvent(Requirement("colour", "colour", 1.0, True))
 
 
+def test_a_limit_on_the_whole_rate(problem, sample, quantities):
+    requirement = Requirement("tip-off", "tip_off_rate", 2.0, True)
+    violated = np.sqrt(sum(quantities[f"rate_{axis}"] ** 2 for axis in "xyz")) > 2.0
+    assert 0 < violated.sum() < len(violated)
+    assert np.array_equal(event_rows(problem.getEvent(requirement), sample), violated)
+    function, composition, smooth, surrogate_composition = problem.getComponents(requirement)
+    assert list(function.getOutputDescription()) == ["rate_x [deg/s]", "rate_y [deg/s]", "rate_z [deg/s]"]
+    assert smooth == [0, 1, 2]
+    for native in (composition, surrogate_composition):
+        assert native([3.0, -4.0, 12.0])[0] == pytest.approx(13.0)
+        assert np.allclose(np.array(native.gradient([3.0, -4.0, 12.0]))[:, 0], np.array([3.0, -4.0, 12.0]) / 13.0)
+        # At the kink, one of the subgradients.
+        assert np.array_equal(np.array(native.gradient([0.0, 0.0, 0.0]))[:, 0], [1.0, 0.0, 0.0])
+
+
 def test_unknown_requirements(problem):
     with pytest.raises(ValueError, match=r"'spinn' is no requirement of this case; .*did you mean 'spin'\?"):
         problem.getEvent("spinn")

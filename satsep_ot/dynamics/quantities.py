@@ -63,6 +63,12 @@ QUANTITIES = {
         "deg/s", "satellite rate across the separation axis, sqrt(rate_x^2 + rate_z^2)", (9, 11), DEGREES
     ),
     "spin": _norm("deg/s", "absolute satellite rate about the separation axis, |rate_y|", (10,), DEGREES),
+    "tip_off_rate": _norm(
+        "deg/s",
+        "magnitude of the satellite's rate at the last release, sqrt(rate_x^2 + rate_y^2 + rate_z^2)",
+        (9, 10, 11),
+        DEGREES,
+    ),
     "lateral_velocity": _norm(
         "m/s",
         "separation velocity across the platform's y axis at the last release (inertial difference of the CGs)",

@@ -50,7 +50,9 @@ _POSITIVE = (
     "recess.depth",
 )
 # What people write, without case and separators, for a word that is spelt otherwise: another one would be nearer.
-_SYNONYMS = dict.fromkeys(("3sigma", "3s", "sigma3"), "three_sigma")
+_SYNONYMS = dict.fromkeys(("3sigma", "3s", "sigma3"), "three_sigma") | dict.fromkeys(
+    ("rate", "totalrate", "angularrate", "bodyrate", "tumble", "tumblerate", "tumbling", "tumblingrate"), "tip_off_rate"
+)
 # What OpenTURNS raises where a distribution refuses its parameters, or has none.
 _REFUSALS = (RuntimeError, TypeError, ValueError, IndexError, MemoryError)
 _NOT_NEGATIVE = (".radius", ".delay", ".scale", "guide_friction")

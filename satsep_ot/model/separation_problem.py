@@ -254,7 +254,7 @@ class SeparationProblem:
         """A quantity as a native function of the variables: its smooth components, or (exact) the clearance itself."""
         if quantity in _COMPOSED:
             parts = _COMPOSED[quantity]
-            outer = _norm() if len(parts) == 2 else _absolute_value()
+            outer = _norm(len(parts)) if len(parts) > 1 else _absolute_value()
         elif quantity == "clearance" and not exact:
             parts = self._smooth_components(quantity)
             outer = _minimum(len(parts))
@@ -278,8 +278,12 @@ class SeparationProblem:
         return ot.LinearFunction([entry.limit for entry in requirements], [0.0] * len(requirements), slopes)
 
 
-# Quantities that are a norm of two smooth ones, or the absolute value of one.
-_COMPOSED = {"lateral_rate": ("rate_x", "rate_z"), "spin": ("rate_y",)}
+# Quantities that are a norm of smooth ones, or the absolute value of one.
+_COMPOSED = {
+    "lateral_rate": ("rate_x", "rate_z"),
+    "spin": ("rate_y",),
+    "tip_off_rate": ("rate_x", "rate_y", "rate_z"),
+}
 
 
 def _described(function, inputs, output):
@@ -289,9 +293,11 @@ def _described(function, inputs, output):
     return function
 
 
-def _norm():
-    formula = ot.SymbolicFunction(["x", "z", "kink"], ["sqrt((x + kink)^2 + z^2)"])
-    return ot.ParametricFunction(formula, [2], [_KINK])
+def _norm(size):
+    first, *others = (f"v{k}" for k in range(size))
+    squares = "".join(f" + {name}^2" for name in others)
+    formula = ot.SymbolicFunction([first, *others, "kink"], [f"sqrt(({first} + kink)^2{squares})"])
+    return ot.ParametricFunction(formula, [size], [_KINK])
 
 
 def _absolute_value():

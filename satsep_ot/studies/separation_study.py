@@ -55,6 +55,7 @@ _CHUNK = 4096
 _BLIND_SPOTS = {
     "lateral_rate": "the limit state is a circle around the mean, which no tangent plane or paraboloid follows",
     "spin": "there are two design points of opposite sign, and the search ends in one",
+    "tip_off_rate": "the limit state is a sphere around the mean, which no tangent plane or paraboloid follows",
     "clearance": "every corner of the envelope has a design point of its own, and the search ends in one",
     SYSTEM: "every requirement has design points of its own, and the search ends in one",
 }
