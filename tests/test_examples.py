@@ -173,20 +173,41 @@ def python_blocks(page):
     return re.findall(r"^```python\n(.*?)^```", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if python_blocks(page)], ids=lambda page: page.name)
-def test_python_blocks_run(page, capsys):
+CONTINUES = "# continues the block above\n"
+
+
+def python_sessions(page):
+    """The blocks of a page, joined where one says that it continues the block above: each stands alone."""
+    sessions = []
+    for block in python_blocks(page):
+        if block.startswith(CONTINUES):
+            sessions[-1].append(block)
+        else:
+            sessions.append([block])
+    return sessions
+
+
+SESSIONS = [
+    pytest.param(page, session, id=f"{page.name}-{place}")
+    for page in PAGES
+    for place, session in enumerate(python_sessions(page), start=1)
+]
+
+
+@pytest.mark.parametrize(("page", "session"), SESSIONS)
+def test_python_blocks_run(page, session, capsys):
     quantities = dict(QUANTITIES)
     state = ot.RandomGenerator.GetState()
     names = {"__name__": page.stem}
     try:
-        for block in python_blocks(page):
+        for block in session:
             exec(compile(block, str(page), "exec"), names)
     finally:
         # A page may show how to add a quantity.
         QUANTITIES.clear()
         QUANTITIES.update(quantities)
         ot.RandomGenerator.SetState(state)
-    assert capsys.readouterr().out
+    assert capsys.readouterr().out or "print(" not in "".join(session)
 
 
 def test_readme_has_the_two_commands_on_a_line_each():
