@@ -123,13 +123,14 @@ DIRECTION_CASES = {
         rates=[0.01, 2.0, -0.02], recess_radius=0.0, recess_planes=WALL, recess_depth=0.4
     ),
     "nearest at the start": general_separation(recess_radius=0.0, recess_planes=LEANING),
-    # A planet that weighs as much as thirty thousand Earths: its torque counts beside that of the springs.
+    # A planet that weighs as much as ten thousand Earths: its torque counts beside that of the springs.
     "strong gravity": general_separation(
         platform=Body(
             1200.0, [[900.0, 200.0, -150.0], [200.0, 700.0, 100.0], [-150.0, 100.0, 800.0]], [0.0, -1.6, 0.0]
         ),
         satellite=Body(100.0, [[9.0, 2.0, -1.5], [2.0, 8.0, 1.2], [-1.5, 1.2, 7.5]], [0.0, 0.4, 0.0]),
-        orbit=Orbit([6.878e6, 1.0e5, -2.0e5], [1.6e4, 1.2e6, 1.4e5], 1e19),
+        orbit=Orbit([4.0e6, 3.0e6, -4.7e6], [1.0e4, 5.0e5, 1.4e5], 3e18),
+        mounting_error=[1e-3, 0.3, -1e-3],
     ),
     "nearest at the exit": general_separation(rates=np.radians([0.8, -0.5, 0.6])),
 }
