@@ -1,6 +1,7 @@
 """What `check` warns of: each kind of wrong unit once, and silence for the cases of the package."""
 
 import math
+import re
 
 import openturns as ot
 import pytest
@@ -31,7 +32,7 @@ def test_50_metres_a_second_are_named_with_the_energy_that_gives_them():
         ("stiffness = 5500.0 ", "stiffness = 5.5 ", "gives 0.0189 m/s"),
         ("stroke = 30.0", "stroke = 50.0", "a stroke is longer than the deformation"),
         ("rates = [0.0, 0.0, 0.0]", "rates = [0.0, 1000.0, 0.0]", "1000 deg/s is 167 rpm"),
-        ("inertia = [9.35, 8.0, 9.35]", "inertia = [9.35e6, 8.0e6, 9.35e6]", "satellite: its inertia is that of"),
+        ("inertia = [9.35, 8.0, 9.35]", "inertia = [9.35e6, 8.0e6, 9.35e6]", "kg and its inertia are those of"),
         ("center_of_mass = [0.0, 400.0, 0.0]", "center_of_mass = [0.0, 0.4, 400.0]", "400 mm off the axis"),
         ('"satellite.mass", sigma = 0.5', '"satellite.mass", sigma = 30.0', "a scatter of 93 % of its mean"),
         ('"platform.mass", sigma = 12.0', '"platform.mass", mean = 1.3e3, sigma = 12.0', "is not typical"),
@@ -46,6 +47,72 @@ def test_50_metres_a_second_are_named_with_the_energy_that_gives_them():
 def test_what_is_hardly_meant_is_said(old, new, words):
     assert old in REFERENCE
     assert any(words in sentence for sentence in implausibilities(parse_case(REFERENCE.replace(old, new, 1))))
+
+
+CUBESAT = re.sub(r" *#.*", "", load_case("cubesat").text)
+# Without the inputs, whose scatter a nominal value in a wrong unit does not bear.
+BARE = re.sub(r" *#.*", "", REFERENCE[: REFERENCE.index("[inputs]")])
+STRUT = BARE.replace('force_line = "guided"', 'force_line = "strut"\nstowed_length = 40.0')
+
+
+@pytest.mark.parametrize(
+    ("text", "old", "new", "sentence"),
+    [
+        (
+            CUBESAT, "radius = 65.0", "radius = 0.065",
+            "springs: a radius of 0.065 mm; separations have 5 to 10000 mm (mm; written in m?)",
+        ),
+        (CUBESAT, "radius = 65.0", "radius = 65e3", "springs: a radius of 6.5e+04 mm; separations have 5 to 10000 mm"),
+        (BARE, "stroke = 30.0", "stroke = 0.03", "springs: a stroke of 0.03 mm; separations have 1 to 2000 mm (mm; wr"),
+        (BARE, "deformation = 40.0", "deformation = 0.04", "springs: a deformation of 0.04 mm; separations"),
+        (STRUT, "stowed_length = 40.0", "stowed_length = 0.04", "springs: a stowed length of 0.04 mm; separations"),
+        (
+            CUBESAT, "stiffness = 850.0", "stiffness = 0.85",
+            "springs: a stiffness of 0.85 N/m; separations have 5 to 1e+08 N/m (N/m; written in N/mm?)",
+        ),
+        (BARE, "350.0\nheight = 800.0", "0.35\nheight = 0.8", "envelope: a size of 0.8 mm"),
+        (BARE, "recess_radius = 520.0", "recess_radius = 0.52", "envelope: a recess radius of 0.52 mm"),
+        (BARE, "recess_depth = 250.0", "recess_depth = 0.25", "envelope: a recess depth of 0.25 mm"),
+        (
+            CUBESAT, "[0.0, 56.75, 0.0]", "[0.0, 0.05675, 0.0]",
+            "satellite: its centre of mass is 0.0568 mm from the ring centre, its radius of gyration 43.6 mm (mm; wri",
+        ),
+        (REFERENCE, "[0.0, -1600.0, 0.0]", "[0.0, -1.6, 0.02]", "platform: its centre of mass is 1.6 mm from the"),
+        (CUBESAT, "mass = 2.0\n", "mass = 2000.0\n", "satellite: its mass of 2000 kg and its inertia are those of"),
+        (CUBESAT, "mass = 2.0\n", "mass = 2000.0\n", "(mass in kg; written in g? inertia in kg m2?)"),
+        (
+            CUBESAT, 'center_of_mass.x", three_sigma = 6.0', 'center_of_mass.x", three_sigma = 0.006',
+            "satellite_cg_x: 99.8 % of its values lie within -0.00618 to 0.00618 mm, closer than anyone measures (mm; "
+            "written in m?)",
+        ),
+        (
+            REFERENCE, '"springs.stroke", sigma = 0.15', '"springs.stroke", sigma = 0.15e-3',
+            "within 29.999536 to 30.000464 mm",
+        ),
+        (REFERENCE, "a = 0.0, b = 2.0", "a = 0.0, b = 0.002", "measures (ms; written in s?)"),
+    ],
+)  # fmt: skip
+def test_a_unit_a_thousand_times_larger_is_named(text, old, new, sentence):
+    assert old in text
+    sentences = implausibilities(parse_case(text.replace(old, new, 1)))
+    assert any(sentence in said for said in sentences), sentences
+    # The right value is not.
+    assert not any(sentence[:20] in said for said in implausibilities(parse_case(text)))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        # One spring in the middle, a ring around the centre of mass, and machining to a hundredth.
+        ("angles = [45.0, 225.0]\nradius = 65.0", "count = 1\nradius = 0.0"),
+        ("[0.0, 56.75, 0.0]", "[0.4, 0.0, -0.3]"),
+        ("plus_minus = 0.1", "plus_minus = 0.01"),
+    ],
+)  # fmt: skip
+def test_small_numbers_that_are_meant(old, new):
+    assert old in CUBESAT
+    said = implausibilities(parse_case(CUBESAT.replace(old, new)))
+    assert not any("written in" in sentence for sentence in said), said
 
 
 def test_share_of_impossible_tensors_is_that_of_the_law():

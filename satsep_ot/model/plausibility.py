@@ -30,6 +30,11 @@ _OTHER_UNITS = {
     "s": {"ms": 1e-3},
 }
 _FAR, _NEAR = 20.0, 5.0  # factors between a limit and the values of its quantity
+# A centre of mass this close to the ring centre, and this small a part of its body's radius of gyration, is in m.
+_NEAREST_CENTER, _NEAREST_CENTER_SHARE = 5e-3, 0.02  # m
+# Nobody knows a length or a delay as well as this, half of the range of 99.8 % of its values; least a centre of mass.
+_SMALLEST_SCATTER = {"mm": (0.005, "m"), "ms": (0.005, "s")}  # unit of the case file: size, the unit that it may be in
+_SMALLEST_CENTER_SCATTER = 0.05  # mm
 
 
 class RequirementScatter(NamedTuple):
@@ -105,6 +110,7 @@ def implausibilities(case: Case) -> list[str]:
     """
     return [
         *_of_the_push(case.separation),
+        *_of_the_sizes(case.separation),
         *_of_the_bodies(case.separation),
         *_of_the_inputs(case),
         *_of_runs(case),
@@ -183,6 +189,30 @@ def _of_the_push(separation):
             yield f"initial rate about {axis}: {rate:.4g} deg/s is {abs(rate) / 6.0:.3g} rpm (deg/s?)"
 
 
+def _of_the_sizes(separation):
+    """Lengths and stiffnesses that are far from those of any separation; 0 is left out, there is no such thing then."""
+    springs = separation.springs
+    linear = springs.laws == ForceLaw.LINEAR
+    envelope = np.array([]) if separation.envelope is None else np.abs(separation.envelope).max(keepdims=True)
+    rules = (
+        ("springs: a radius", 1e3 * springs.radius, 5.0, 1e4, "mm", "m"),
+        ("springs: a deformation", 1e3 * springs.deformation[linear], 1.0, 2e3, "mm", "m"),
+        ("springs: a stroke", 1e3 * springs.stroke, 1.0, 2e3, "mm", "m"),
+        ("springs: a stowed length", 1e3 * np.array([separation.stowed_length]), 1.0, 5e3, "mm", "m"),
+        ("springs: a stiffness", springs.stiffness[linear], 5.0, 1e8, "N/m", "N/mm"),
+        ("envelope: a size", 1e3 * envelope, 5.0, 5e4, "mm", "m"),
+        ("envelope: a recess radius", 1e3 * np.array([separation.recess_radius]), 5.0, 5e4, "mm", "m"),
+        ("envelope: a recess depth", 1e3 * np.array([separation.recess_depth]), 1.0, 5e4, "mm", "m"),
+    )
+    for what, values, smallest, largest, unit, other in rules:
+        values = values[values != 0.0]
+        usual = f"separations have {smallest:g} to {largest:g} {unit}"
+        if len(values) and values.min() < smallest:
+            yield f"{what} of {values.min():.3g} {unit}; {usual} ({unit}; written in {other}?)"
+        if len(values) and values.max() > largest:
+            yield f"{what} of {values.max():.3g} {unit}; {usual} ({unit}?)"
+
+
 def _of_the_bodies(separation):
     ring = float(np.max(separation.springs.radius))
     for name in ("platform", "satellite"):
@@ -192,10 +222,20 @@ def _of_the_bodies(separation):
         reach = max(ring, float(np.abs(body.center_of_mass).max()))
         if name == "satellite" and separation.envelope is not None:
             reach = max(reach, float(np.abs(separation.envelope).max()))
-        if gyration[2] > 10.0 * reach or gyration[0] < 0.05 * reach:
+        large, small = gyration[2] > 10.0 * reach, gyration[0] < 0.05 * reach
+        if large or small:
+            hint = "inertia in kg m2? mass in kg?" if large else "mass in kg; written in g? inertia in kg m2?"
             yield (
-                f"{name}: its inertia is that of a body with radii of gyration from {1e3 * gyration[0]:.3g} to "
-                f"{1e3 * gyration[2]:.3g} mm, beside a ring and a centre of mass within {1e3 * reach:.3g} mm (kg m2?)"
+                f"{name}: its mass of {body.mass:.6g} kg and its inertia are those of a body with radii of gyration "
+                f"from {1e3 * gyration[0]:.3g} to {1e3 * gyration[2]:.3g} mm, beside a ring and a centre of mass "
+                f"within {1e3 * reach:.3g} mm ({hint})"
+            )
+        # A ring around the centre of mass has y = 0, and an offset across the axis may well be small.
+        distance = float(np.linalg.norm(body.center_of_mass))
+        if body.center_of_mass[1] and distance < min(_NEAREST_CENTER, _NEAREST_CENTER_SHARE * gyration[2]):
+            yield (
+                f"{name}: its centre of mass is {1e3 * distance:.3g} mm from the ring centre, its radius of gyration "
+                f"{1e3 * gyration[2]:.3g} mm (mm; written in m?)"
             )
         offset = float(np.hypot(body.center_of_mass[0], body.center_of_mass[2]))
         if ring > 0.0 and offset > ring:
@@ -215,6 +255,14 @@ def _of_the_inputs(case):
             yield (
                 f"{row.name}: 99.8 % of its values lie within {likely}, a scatter of "
                 f"{100.0 * half / abs(mean):.0f} % of its mean"
+            )
+        smallest, other = _SMALLEST_SCATTER.get(row.unit, (0.0, ""))
+        if ".center_of_mass." in row.parameters[0]:
+            smallest = _SMALLEST_CENTER_SCATTER
+        if half < smallest:
+            yield (
+                f"{row.name}: 99.8 % of its values lie within {likely}, closer than anyone measures "
+                f"({row.unit}; written in {other}?)"
             )
         # The end of a one-sided law, such as a delay of 0, may well be the nominal value.
         if abs(row.reference - 0.5 * (low + high)) > 2.0 * half:
