@@ -169,6 +169,18 @@ def test_motion_and_minimum_against_scipy(name):
             assert approach(state, orbit, window)[0] == pytest.approx(smallest, rel=1e-6, abs=1e-4)
 
 
+@pytest.mark.parametrize("name", ["circular with J2", "eccentric with J2"])
+def test_bodies_that_are_far_from_each_other_against_scipy(name):
+    """Hundreds of kilometres apart the attraction differs by more than its first derivatives."""
+    orbit = ORBITS[name]
+    state = release([0.05, 2.0, -0.03], [150.0, 300.0, -100.0], np.array([0.7, 0.1, -0.3, 0.6]) / np.sqrt(0.95))
+    times = np.linspace(0.0, 0.4 * orbit.period, 5)
+    motion, expected = coast(state, 0.0, MASSES, orbit, times), fly_with_scipy(state, orbit, times[-1])(times).T
+    apart = expected[:, 6:9] - expected[:, :3]
+    assert np.linalg.norm(apart[-1]) > 2e5
+    np.testing.assert_allclose(motion[:, 3:6], apart, atol=1e-9 * np.linalg.norm(apart[-1]))
+
+
 @pytest.mark.parametrize("name", ORBITS)
 def test_energy_of_both_bodies_is_constant(name):
     orbit = ORBITS[name]
