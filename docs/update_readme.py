@@ -1,4 +1,4 @@
-"""Put what is printed now into the README: the screen of a study, and the line of its Python script.
+"""Put what is printed now into the README: the screen of a study, what is true, and the line of its script.
 
 satsep-ot study --output DIR > screen.txt
 python docs/update_readme.py screen.txt
@@ -9,6 +9,8 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+
+from satsep_ot.studies.method_benchmark import REFERENCE_VIOLATIONS, reference_probability
 
 README = Path(__file__).parent.parent / "README.md"
 WIDTH = 108
@@ -26,15 +28,32 @@ def shown_screen(text):
     return "\n".join(line.rstrip() for line in lines)
 
 
+def truth_table(screen):
+    """Which intervals of a shown screen hold the probability that is known."""
+    lines = ["| violation of | known | ActiveSubspace | MonteCarlo |", "|---|---:|---|---|"]
+    for requirement in REFERENCE_VIOLATIONS:
+        truth, deviation = reference_probability(requirement)
+        cells = []
+        for method in ("ActiveSubspace", "MonteCarlo"):
+            row = re.search(rf"^{requirement}\n(?:\w+ .*\n)*?{method} +\S+ +(\S+)\.\.(\S+)", screen, re.MULTILINE)
+            lower, upper = map(float, row.groups())
+            side = "below" if truth < lower else "above"
+            cells.append("inside" if lower <= truth <= upper else f"**{side}** {row[1]} to {row[2]}")
+        lines.append(f"| {requirement} | {truth:.3e} ± {100 * deviation / truth:.2f} % | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def between(name, inside, text):
+    """The text with what stands between two marks replaced."""
+    marks = f"<!-- {name}: begin -->\n", f"\n<!-- {name}: end -->"
+    return re.sub(rf"({marks[0]}).*?({marks[1]})", lambda found: found[1] + inside + found[2], text, flags=re.DOTALL)
+
+
 def main():
     text = README.read_text(encoding="utf-8")
     screen = shown_screen(Path(sys.argv[1]).read_text(encoding="utf-8"))
-    text = re.sub(
-        r"(<!-- screen: begin -->\n```text\n).*?(\n```\n<!-- screen: end -->)",
-        lambda match: match[1] + screen + match[2],
-        text,
-        flags=re.DOTALL,
-    )
+    text = between("screen", f"```text\n{screen}\n```", text)
+    text = between("truth", truth_table(screen), text)
     script = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
     printed = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True).stdout.rstrip()
     text = re.sub(

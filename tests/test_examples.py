@@ -249,6 +249,30 @@ def test_the_script_of_the_readme_prints_what_the_readme_says(capsys):
     np.testing.assert_allclose(*numbers, rtol=1e-3)
 
 
+def test_what_is_said_of_ten_studies_is_what_they_gave(capsys):
+    """In the README and in docs/validation.md, from the intervals that are stored."""
+    path = ROOT / "tests" / "benchmarks" / "study_overlap"
+    study_overlap = runpy.run_path(str(path.with_suffix(".py")))
+    study_overlap["print_truth"](study_overlap["stored_intervals"](path.with_suffix(".txt")))
+    printed = capsys.readouterr().out
+    readme, validation = (ROOT / page for page in ("README.md", "docs/validation.md"))
+    counts = re.findall(r"^(\w+): (\d+) of 50 .* probability (\S+)\n((?:  .*\n)*)", printed, re.MULTILINE)
+    assert [method for method, *_ in counts] == ["ActiveSubspace", "MonteCarlo"]
+    for method, count, chance, misses in counts:
+        assert f"{count} of 50 of {method}" in " ".join(readme.read_text(encoding="utf-8").split())
+        found = re.findall(r"seed (\d+), (.*): it lies (\w+),", misses)
+        cases = "; ".join(f"{seed} {requirement}, {side}" for seed, requirement, side in found)
+        assert f"| {method} | {count} | {cases} | {chance} |" in validation.read_text(encoding="utf-8")
+    assert printed in path.with_suffix(".txt").read_text(encoding="utf-8")
+
+
+def test_the_readme_says_which_of_its_intervals_hold_the_truth():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    screen = re.search(r"<!-- screen: begin -->\n```text\n(.*?)\n```", text, re.DOTALL)[1]
+    table = runpy.run_path(str(ROOT / "docs" / "update_readme.py"))["truth_table"](screen)
+    assert f"<!-- truth: begin -->\n{table}\n<!-- truth: end -->" in text
+
+
 @pytest.mark.slow
 def test_the_screen_of_the_readme_is_what_a_study_prints():
     """The rows of ActiveSubspace, which do not depend on the other rows of the table."""
