@@ -337,11 +337,13 @@ def _check(options):
     console.print(f"[bold]{_plain(case.name)}[/bold]  {_plain(case.description)}")
     console.print(_bodies(separation))
     console.print(_springs(separation))
+    console.print()
     if umbilical_springs(separation):
         console.print(_umbilicals(separation))
     for line in _conditions(separation):
         console.print(line)
     console.print(_inputs(case.inputs))
+    console.print()
     for first, second, coefficient in _correlated(case):
         console.print(f"{_plain(first)} and {_plain(second)} are correlated: {coefficient:g}")
     console.print(_quantities(quantities))
@@ -643,12 +645,9 @@ def _progress():
 
 
 def _study_table(name, rows):
-    table = _table(f"Probability of violating a requirement: {_plain(name)}", "method")
-    # Narrow enough for a terminal of 80 columns.
-    table.pad_edge, table.show_edge, table.collapse_padding = False, False, True
+    table = _narrow(_table(f"Probability of violating a requirement: {_plain(name)}", "method"))
     for column in ("probability", "95 % interval", "evaluations", "gradients", "seconds"):
         table.add_column(_plain(column), justify="right", no_wrap=True)
-    table.columns[0].no_wrap = True
     for row in rows:
         if row["method"] == rows[0]["method"]:
             table.add_row(f"[bold]{_plain(row['requirement'])}[/bold]")
@@ -722,8 +721,17 @@ def _table(title, *columns):
     from rich.table import Table
 
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, title_style="bold")
+    # On a narrow terminal texts fold, and neither a name nor a number is cut.
     for name in columns:
-        table.add_column(_plain(name.removeprefix(">")), justify="right" if name.startswith(">") else "left")
+        right = name.startswith(">")
+        table.add_column(_plain(name.removeprefix(">")), justify="right" if right else "left", overflow="fold")
+    table.columns[0].no_wrap = True
+    return table
+
+
+def _narrow(table):
+    """The same table with as little between its columns as a terminal of 80 columns needs."""
+    table.pad_edge, table.show_edge, table.collapse_padding = False, False, True
     return table
 
 
@@ -758,7 +766,7 @@ def _springs(separation):
             1e3 * springs.stroke[i], degrees(springs.cant[i]), 1e3 * springs.delay[i], springs.scale[i],
         )  # fmt: skip
         table.add_row(str(i + 1), *(f"{value:g}" for value in row), force)
-    return table
+    return _narrow(table)
 
 
 def _umbilicals(separation):
@@ -827,16 +835,20 @@ def _conditions(separation):
 def _inputs(inputs):
     from satsep_ot.model.inputs import interval_digits, quantile_range
 
-    table = _table(f"Uncertain inputs ({len(inputs)})", "name", "unit", "distribution", ">0.1 %", ">99.9 %", "what")
+    table = _narrow(
+        _table(f"Uncertain inputs ({len(inputs)})", "name", "unit", ">0.1 %", ">99.9 %", "distribution", "what")
+    )
+    for column in table.columns[:4]:
+        column.no_wrap = True
     for row in inputs:
         low, high = quantile_range(row.distribution)
         digits = interval_digits(low, high, 6)
         table.add_row(
             _plain(row.name),
             row.unit,
-            _plain(str(row.distribution)),
             f"{low:.{digits}g}",
             f"{high:.{digits}g}",
+            _plain(str(row.distribution)),
             _plain(row.description),
         )
     return table
@@ -850,10 +862,9 @@ def _quantities(quantities):
 
 
 def _requirements(scatter):
-    table = _table(f"Requirements ({len(scatter)})", "limit", ">nominal run", ">scattered runs", ">met by", ">allowed")
-    # Narrow enough for a terminal of 80 columns.
-    table.pad_edge, table.show_edge, table.collapse_padding = False, False, True
-    table.columns[0].no_wrap = True
+    table = _narrow(
+        _table(f"Requirements ({len(scatter)})", "limit", ">nominal run", ">scattered runs", ">met by", ">allowed")
+    )
     for row in scatter:
         entry = row.requirement
         verdict = "unknown" if row.nominal != row.nominal else "met" if entry.is_met(row.nominal) else "violated"

@@ -307,6 +307,20 @@ def test_ctrl_c_stops_the_program_within_a_second(tmp_path):
     assert taken < 1.0
 
 
+def test_check_cuts_nothing_at_80_columns(capsys, monkeypatch):
+    from rich.console import Console
+
+    monkeypatch.setattr(cli, "_console", lambda: Console(width=80, highlight=False))
+    assert cli.main(["check", "reference"]) == 0
+    out = capsys.readouterr().out
+    assert "…" not in out
+    assert max(map(len, out.splitlines())) <= 80
+    rows = [line.split() for line in out.splitlines()]
+    for row in load_case("reference").inputs:
+        assert [row.name, *row.unit.split()] in [words[: 1 + len(row.unit.split())] for words in rows], row.name
+    assert ["satellite_mass", "kg", "98.4549", "101.545"] in [words[:4] for words in rows]
+
+
 def test_study_table_fits_a_terminal_of_80_columns():
     from rich.console import Console
 
