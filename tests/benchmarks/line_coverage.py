@@ -68,7 +68,8 @@ def measure(folder, run, tests):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
-    parser.add_argument("tests", nargs="*", default=["tests", "satsep_ot"])
+    parser.add_argument("tests", nargs="*")
+    parser.add_argument("--report", action="store_true", help="print what an earlier run has left in FOLDER")
     parser.add_argument("--run", choices=("durations", "plain", "compiled", "slow"), help=argparse.SUPPRESS)
     options = parser.parse_intermixed_args()
     folder = options.folder.resolve()
@@ -77,14 +78,14 @@ def main():
         measure(folder, options.run, options.tests)
         return
     motion = [f"tests/test_{name}.py" for name in (*ALL_MOTION, "force_table")] + ["satsep_ot/dynamics"]
-    runs = {"durations": motion, "plain": motion, "compiled": options.tests, "slow": CLUSTER}
-    for run, tests in runs.items():
+    runs = {"durations": motion, "plain": motion, "compiled": options.tests or ["tests", "satsep_ot"], "slow": CLUSTER}
+    for run, tests in runs.items() if not options.report else []:
         environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if tests is motion else {})
         command = [sys.executable, __file__, str(folder), "--run", run, *tests]
         subprocess.run(command, cwd=ROOT, env=environment, check=True)
     record = recorder(folder)
     record.combine(keep=True)
-    print(f"$ python tests/benchmarks/line_coverage.py {' '.join(sys.argv[1:])}")
+    print(f"$ python tests/benchmarks/line_coverage.py {' '.join(['FOLDER', *options.tests])}")
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("coverage", "pytest", "numba"))
     print(f"Python {platform.python_version()}, {versions}")
     record.report(show_missing=True, skip_covered=True)

@@ -377,6 +377,8 @@ def run_tests(files, plugin, *options):
         "-m",
         "not slow",
         "--assert=plain",
+        # An interruption may leave a place without a line number, on which pytest's own tracebacks fail.
+        "--tb=native",
         "--hypothesis-seed=0",
         "-W",
         "ignore::RuntimeWarning",
