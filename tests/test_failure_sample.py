@@ -220,7 +220,7 @@ def test_a_distribution_that_reaches_where_no_run_was_is_refused():
 # Where there is nothing to say. --------------------------------------------------------------------------------------
 
 
-def test_no_failure_and_subset_simulation_have_no_sensitivities():
+def test_no_failure_and_subset_simulation_have_no_sensitivities(monkeypatch):
     vector = ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], ["1"]), ot.RandomVector(ot.Normal(2)))
     algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 2.0))
     algorithm.run()
@@ -230,10 +230,11 @@ def test_no_failure_and_subset_simulation_have_no_sensitivities():
         ot.ThresholdEvent(
             ot.CompositeRandomVector(ot.SymbolicFunction(["a"], ["a"]), ot.RandomVector(ot.Normal(1))),
             ot.Greater(),
-            60.0,
+            2.0,
         )
     )
-    algorithm.setMaximumEvaluations(300)
+    monkeypatch.setattr(ActiveSubspaceReliability, "_subsetIsBetter", lambda self, proposal, remaining: True)
+    algorithm.setMaximumEvaluations(600)
     algorithm.run()
     assert algorithm.getResult().getMethod() == "SubsetSimulation"
     with pytest.raises(RuntimeError, match="subset simulation"):
@@ -267,6 +268,9 @@ def test_a_result_is_the_same_after_loading(tmp_path):
         assert repr(getattr(loaded, draw)()) == repr(getattr(result, draw)())
     with pytest.raises(ValueError, match=r"must end on \.npz"):
         result.save(tmp_path / "result.pickle")
+    for kept in (result, result.getTrueRuns()):
+        with pytest.raises(FileNotFoundError, match=r"away.result\.npz cannot be written: there is no folder .*away$"):
+            kept.save(tmp_path / "away" / "result.npz")
     (tmp_path / "other.npz").write_text("nothing", encoding="utf-8")
     with pytest.raises(ValueError, match="holds no ActiveSubspaceReliabilityResult"):
         ActiveSubspaceReliabilityResult.load(tmp_path / "other.npz")
@@ -279,9 +283,11 @@ def test_an_event_in_python_is_given_again_on_loading(tmp_path):
     algorithm.run()
     algorithm.getResult().save(tmp_path / "result.npz")
     loaded = ActiveSubspaceReliabilityResult.load(tmp_path / "result.npz")
-    with pytest.raises(RuntimeError, match="give it to load"):
-        loaded.getProbabilitySimulationResult()
+    for needing in (loaded.getProbabilitySimulationResult, loaded.getEvent):
+        with pytest.raises(RuntimeError, match="give it to load"):
+            needing()
     again = ActiveSubspaceReliabilityResult.load(tmp_path / "result.npz", event)
+    assert again.getEvent() == event
     assert again.getProbabilitySimulationResult().getProbabilityEstimate() == loaded.getProbabilityEstimate()
     assert dataclasses.asdict(again.computeImportance()[0]) == dataclasses.asdict(loaded.computeImportance()[0])
 

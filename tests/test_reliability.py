@@ -250,6 +250,10 @@ def test_constant_function_has_its_bound(value, probability):
     runs = result.getEvaluationNumber()
     assert result.getProbabilityEstimate() == probability
     assert interval.getUpperBound()[0] - interval.getLowerBound()[0] == pytest.approx(1.0 - 0.05 ** (1.0 / runs))
+    assert result.getConfidenceLength() == interval.getUpperBound()[0] - interval.getLowerBound()[0]
+    # What never fails may do so in the rest of the runs; what always fails does not ask for more.
+    assert runs == (5000 if probability == 0.0 else 10)
+    assert not result.getConverged()
     assert "constant" in result.getReason()
     assert result.getActiveDimensions() == []
 
@@ -262,8 +266,48 @@ def test_no_failure_seen_has_an_upper_bound():
     interval = result.getConfidenceInterval(0.95)
     assert result.getProbabilityEstimate() == 0.0
     assert interval.getLowerBound()[0] == 0.0
-    assert 0.0 < interval.getUpperBound()[0] < 1.0
+    runs = result.getTrueRuns()
+    nominal = runs.inputs[np.isfinite(runs.weights)]
+    # The runs that bound it are those drawn from the inputs' own distribution, and the rest of the evaluations is.
+    assert interval.getUpperBound()[0] == pytest.approx(1.0 - 0.05 ** (1.0 / len(nominal)))
+    assert len(runs) == result.getEvaluationNumber() == 1000
+    assert len(nominal) > 10 + result.getEvaluationNumber("Monte Carlo")
+    np.testing.assert_allclose(nominal.std(axis=0), 1.0, atol=5.0 / math.sqrt(len(nominal)))
+    np.testing.assert_allclose(nominal.mean(axis=0), 0.0, atol=4.0 / math.sqrt(len(nominal)))
+    assert runs.computeProbability() == 0.0
+    assert f"the estimate is from {len(nominal)} runs drawn as by Monte Carlo" in result.getReason()
+    assert result.getMethod() == "MonteCarlo"
     assert not result.getConverged()
+
+
+def test_a_jump_that_the_first_runs_do_not_show_is_left_to_monte_carlo():
+    for target, converged in ((0.05, False), (0.15, True)):
+        ot.RandomGenerator.SetSeed(0)
+        algorithm = ActiveSubspaceReliability(event(lambda u: np.where(u[:, 0] > 1.5, -1.0, 1.0)))
+        algorithm.setTargetCoefficientOfVariation(target)
+        algorithm.setMaximumEvaluations(2000)
+        algorithm.run()
+        result = algorithm.getResult()
+        assert result.getPhases() == {"learning": 10, "Monte Carlo": 1990}
+        interval = result.getConfidenceInterval(0.999)
+        assert interval.getLowerBound()[0] < ot.DistFunc.pNormal(-1.5) < interval.getUpperBound()[0]
+        assert result.getConverged() == converged == (result.getCoefficientOfVariation() <= target)
+
+
+def test_failures_that_only_a_surrogate_claims_do_not_bound_the_probability():
+    # The polynomial goes on beyond the bend; the event is impossible.
+    algorithm = ActiveSubspaceReliability(event(lambda u: 4.0 - np.minimum(u[:, 0] + 0.1 * u[:, 1] ** 2, 3.9)))
+    algorithm.setMaximumEvaluations(1000)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getMethod() == "ActiveSubspace"
+    assert result.getDiagnostics()["true failures"] == 0.0
+    interval = result.getConfidenceInterval(0.95)
+    assert interval.getLowerBound()[0] == 0.0
+    runs = int(10 + 0.1 * result.getEvaluationNumber("estimation"))
+    assert interval.getUpperBound()[0] == pytest.approx(1.0 - 0.05 ** (1.0 / runs))
+    assert f"no run failed, and only about {runs} runs as by Monte Carlo bound the probability" in result.getReason()
+    assert result.drawConvergence().getDrawables().getSize() == 0
 
 
 def test_values_that_are_not_finite_raise_or_are_counted():
@@ -349,10 +393,14 @@ def test_a_function_that_raises_in_the_middle_leaves_its_runs():
         return 3.0 - u[:, 0]
 
     algorithm = ActiveSubspaceReliability(event(evaluate))
-    with pytest.raises(RuntimeError, match=r"after \d+ runs.*out of memory"):
+    with pytest.raises(RuntimeError, match=r"still has the 50 runs before it.*out of memory"):
         algorithm.run()
     inputs, outputs = algorithm.getRuns()
-    assert 0 < inputs.getSize() == outputs.getSize() <= 60
+    assert inputs.getSize() == outputs.getSize() == 50
+    with pytest.raises(RuntimeError, match="in a block of 10 runs of which none is kept; no run before it"):
+        algorithm.run()
+    with pytest.raises(RuntimeError, match=r"no true runs.*ended before its first block"):
+        algorithm.getRuns()
     with pytest.raises(RuntimeError, match="run"):
         algorithm.getResult()
 
@@ -1232,7 +1280,7 @@ def test_events_and_components_that_cannot_be_treated_are_refused_with_the_reaso
 
 def test_there_is_nothing_to_get_before_a_run():
     algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0]))
-    with pytest.raises(RuntimeError, match="no true runs yet"):
+    with pytest.raises(RuntimeError, match=r"no true runs: run\(\) was not called"):
         algorithm.getRuns()
     with pytest.raises(RuntimeError, match="no result yet"):
         algorithm.getResult()

@@ -106,6 +106,11 @@ class ActiveSubspaceReliability:
     interval: the diagnostic ``unseen bound`` says how much probability such a region may have. The stopping rule looks
     at the data, which the requirement of 60 failures and 3 blocks keeps harmless.
 
+    Where no true run has failed, only the n runs drawn from the distribution of the inputs itself bound the
+    probability, by ``1 - 0.05^(1/n)`` at 95 %; the runs of the surrogate's proposals and of the chains of subset
+    simulation do not. After a hand-over that found no failure, or a constant, the rest of the evaluations is spent on
+    such runs.
+
     Examples
     --------
     >>> import openturns as ot
@@ -219,9 +224,15 @@ class ActiveSubspaceReliability:
         return self._result
 
     def getRuns(self) -> tuple[ot.Sample, ot.Sample]:
-        """Inputs and outputs of all true runs so far, also of a run() that an error ended."""
+        """Inputs and outputs of all true runs so far, also of a run() that an error ended.
+
+        Raises
+        ------
+        RuntimeError
+            There are none: `run` was not called, or ended before its first block of runs.
+        """
         if not self._runs:
-            raise RuntimeError("there are no true runs yet; call run() first")
+            raise RuntimeError("there are no true runs: run() was not called, or ended before its first block")
         runs = Runs.concatenate(self._runs)
         return ot.Sample(runs.x), ot.Sample(runs.outputs)
 
@@ -247,6 +258,8 @@ class ActiveSubspaceReliability:
         self._blocks: list[Block] = []
         self._history: list[tuple[float, float, float, float]] = []
         self._initial = None
+        # Independent draws of the inputs' own distribution: a Monte Carlo sample, which bounds what was not seen.
+        self._nominal: list[Runs] = []
         self._subset = None
         self._surrogate: Any = None
         self._calibration = 1.0
@@ -265,11 +278,15 @@ class ActiveSubspaceReliability:
 
     def _runPhases(self, initialSize):
         dimension = self._limitState.dimension
-        self._initial = self._evaluate(self._generator.standard_normal((initialSize, dimension)), "learning")
+        self._initial = self._evaluateNominal(initialSize, "learning")
         self._checkComposition(self._initial)
         margins = self._initial.margins[self._initial.finite]
         if len(margins) == 0 or np.ptp(margins) == 0.0:
-            self._finishFromNominalRuns(False, "the event's variable is constant in all runs, so nothing can be learnt")
+            if len(margins) > 0 and not self._initial.failed.any():
+                self._spendOnNominalRuns()
+            self._finishFromNominalRuns(
+                f"the event's variable is constant in the first {initialSize} runs, so nothing can be learnt"
+            )
             return
         self._nominalSpread = float(margins.std())
         self._limitState.dropUnusedOutputs(self._initial.outputs[self._initial.finite])
@@ -277,6 +294,8 @@ class ActiveSubspaceReliability:
             self._subset = runSubsetSimulation(
                 lambda u: self._evaluate(u, "subset"), dimension, self._maximumEvaluations // 3, self._generator
             )
+            if self._subset.probability == 0.0:
+                self._nominal += self._subset.nominal
         proposal = self._learn()
         if proposal is None:
             self._handOver("the surrogate shows no failure region")
@@ -376,18 +395,26 @@ class ActiveSubspaceReliability:
     def _used(self):
         return sum(self._phases.values())
 
-    def _evaluate(self, u, phase):
+    def _evaluateNominal(self, size, phase):
+        """True runs drawn from the distribution of the inputs itself, whatever the earlier ones gave."""
+        return self._evaluate(self._generator.standard_normal((size, self._limitState.dimension)), phase, nominal=True)
+
+    def _evaluate(self, u, phase, nominal=False):
         """True runs at u, recorded; the callbacks are served afterwards."""
         try:
             runs = self._limitState.evaluate(u, phase)
         except ValueError:
             raise
         except Exception as error:
+            kept = sum(map(len, self._runs))
+            before = f"getRuns() still has the {kept} runs before it" if kept else "no run before it is there to keep"
             raise RuntimeError(
-                f"the function failed in the phase {phase!r} after {self._used()} runs, which getRuns() still has: "
-                f"{error}"
+                f"the function failed in the phase {phase!r}, in a block of {len(u)} runs of which none is kept; "
+                f"{before}: {error}"
             ) from error
         self._runs.append(runs)
+        if nominal:
+            self._nominal.append(runs)
         self._phases[phase] = self._phases.get(phase, 0) + len(runs)
         if self._progressCallback is not None:
             self._progressCallback(100.0 * self._used() / self._maximumEvaluations)
@@ -567,17 +594,24 @@ class ActiveSubspaceReliability:
 
     def _finish(self, converged, reason):
         if not self._blocks:
-            self._finishFromNominalRuns(False, reason)
+            self._finishFromNominalRuns(reason)
             return
         estimate = Estimate(self._blocks)
-        nominal = len(self._initial) + 0.1 * estimate.size
+        law = estimate.law()
+        # A tenth of the proposals follow the distribution of the inputs.
+        nominal = sum(map(len, self._nominal)) + 0.1 * estimate.size
         diagnostics = diagnose(self._blocks, self._observedCalibration, nominal, self._limitState.nonFiniteNumber)
         if self._subset is not None:
             diagnostics["subset simulation"] = self._subset.probability
+        if not any(part.failed.any() for part in self._runs):
+            # The surrogate alone says where failures would be, and true runs have found none there.
+            law = IntervalLaw(failures=0, runs=int(nominal))
+            self._history = []
+            reason += f"; no run failed, and only about {law.runs} runs as by Monte Carlo bound the probability"
         self._store(
             max(estimate.probability, 0.0),
             estimate.variance,
-            estimate.law(),
+            law,
             estimate.surrogateProbability,
             diagnostics,
             converged,
@@ -592,16 +626,24 @@ class ActiveSubspaceReliability:
         seed = int(self._generator.integers(2**31))
         return lambda: failureSampleOf(blocks, limitState, np.random.default_rng(seed))
 
-    def _finishFromNominalRuns(self, converged, reason):
-        """The first, normal runs are a small Monte Carlo sample: what is left where nothing else is."""
-        runs = self._initial if self._initial is not None else Runs.concatenate(self._runs)
-        for part in self._runs if self._initial is None else [self._initial]:
+    def _spendOnNominalRuns(self):
+        """The evaluations that are left, as by Monte Carlo: nothing tells where better ones would be."""
+        remaining = self._maximumEvaluations - self._used()
+        size = max(self._blockSize, math.ceil(remaining / 10))
+        for start in range(0, remaining, size):
+            self._evaluateNominal(min(size, remaining - start), "Monte Carlo")
+
+    def _finishFromNominalRuns(self, reason):
+        """The runs drawn as by Monte Carlo are what is left where nothing else is."""
+        runs = Runs.concatenate(self._nominal)
+        for part in self._nominal:
             part.weights = np.ones(len(part))
         failures, size = int(runs.failed.sum()), len(runs)
         share = failures / size
+        variance = share * (1.0 - share) / size
         self._store(
             share,
-            share * (1.0 - share) / size,
+            variance,
             IntervalLaw(failures=failures, runs=size),
             None,
             {
@@ -609,8 +651,8 @@ class ActiveSubspaceReliability:
                 "unseen bound": 3.0 / size,
                 "not finite": float(self._limitState.nonFiniteNumber),
             },
-            converged,
-            f"{reason}; the estimate is from the first {size} runs, drawn as by Monte Carlo",
+            failures >= _MINIMUM_FAILURES and 0.0 < variance <= (self._targetCoefficientOfVariation * share) ** 2,
+            f"{reason}; the estimate is from {size} runs drawn as by Monte Carlo",
             "MonteCarlo",
             FailureSample.ofMonteCarlo(runs.x, runs.failed),
         )
@@ -621,23 +663,24 @@ class ActiveSubspaceReliability:
         subset = runSubsetSimulation(
             lambda u: self._evaluate(u, "subset simulation"), self._limitState.dimension, remaining, self._generator
         )
+        reason = f"handed over to subset simulation: {why}"
+        if subset.probability == 0.0:
+            self._nominal += subset.nominal
         if self._subset is not None:
             subset = combineEstimates([self._subset, subset])
         variation = subset.coefficientOfVariation
-        reason = f"handed over to subset simulation: {why}"
         if math.isinf(variation):
-            reason += (
-                f"; it found no failure before the evaluations ended, at a level of probability {subset.upperBound:.1e}"
+            self._spendOnNominalRuns()
+            self._finishFromNominalRuns(
+                f"{reason}; it found no failure before the evaluations ended, at a level of probability "
+                f"{subset.upperBound:.1e}, an estimate and no bound"
             )
-
-        squared = (variation * subset.probability) ** 2 if subset.probability > 0.0 else 0.0
-        law = IntervalLaw(subset.probability, squared)
-        if math.isinf(variation):
-            law = IntervalLaw(failures=0, runs=len(self._initial))
+            return
+        squared = (variation * subset.probability) ** 2
         self._store(
             subset.probability,
             squared,
-            law,
+            IntervalLaw(subset.probability, squared),
             None,
             {"true failures": float(subset.runs.failed.sum()), "not finite": float(self._limitState.nonFiniteNumber)},
             variation <= self._targetCoefficientOfVariation,

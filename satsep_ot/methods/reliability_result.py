@@ -356,10 +356,19 @@ class ActiveSubspaceReliabilityResult:
         return math.sqrt(self._variance) / self._probability if self._probability > 0.0 else math.inf
 
     def getConfidenceInterval(self, level: float = 0.95) -> ot.Interval:
-        """Confidence interval of the probability, never empty: with no failure seen it is [0, about 3 / runs]."""
+        """Confidence interval of the probability, never empty.
+
+        With no failure seen it is [0, about 3 / n] at 95 %, where n counts only the runs drawn from the distribution of
+        the inputs itself; runs that a surrogate or subset simulation has proposed say nothing of other regions.
+        """
         if not 0.0 < level < 1.0:
             raise ValueError(f"the confidence level is {level}; it must lie between 0 and 1")
         return ot.Interval(*self._interval.bounds(level))
+
+    def getConfidenceLength(self, level: float = 0.95) -> float:
+        """Length of the confidence interval, as of :py:class:`openturns.ProbabilitySimulationResult`."""
+        interval = self.getConfidenceInterval(level)
+        return interval.getUpperBound()[0] - interval.getLowerBound()[0]
 
     def getReliabilityIndex(self) -> float:
         """Generalised reliability index ``-Phi^-1(p)``; infinite when the estimate is 0 or 1."""
@@ -388,7 +397,8 @@ class ActiveSubspaceReliabilityResult:
         return 0
 
     def getMethod(self) -> str:
-        """``"ActiveSubspace"``, or ``"SubsetSimulation"`` after a hand-over, or ``"MonteCarlo"`` for a constant."""
+        """``"ActiveSubspace"``, or ``"SubsetSimulation"`` after a hand-over, or ``"MonteCarlo"`` where nothing was
+        found: neither by that nor in a constant."""
         return self._method
 
     def getActiveDimensions(self) -> list[int]:
@@ -431,6 +441,9 @@ class ActiveSubspaceReliabilityResult:
     def getTrueRuns(self, outputNames: Sequence[str] | None = None) -> TrueRuns:
         """All true runs with their phases and weights, from which the estimate can be computed again, and saved.
 
+        The run of the phase "composition check" is not among them: it is the event's own function, called once more at
+        an input that is among them.
+
         Parameters
         ----------
         outputNames : sequence of str, optional
@@ -451,12 +464,22 @@ class ActiveSubspaceReliabilityResult:
             self._surrogateProbability or 0.0,
         )
 
-    def getProbabilitySimulationResult(self) -> ot.ProbabilitySimulationResult:
-        """The estimate as OpenTURNS' own result."""
+    def getEvent(self) -> ot.RandomVector:
+        """The event whose probability it is.
+
+        Raises
+        ------
+        RuntimeError
+            Its function is in Python, so that it was not stored with a result that was loaded.
+        """
         if self._event is None:
             raise RuntimeError("the event was not stored with the result; give it to load()")
+        return self._event
+
+    def getProbabilitySimulationResult(self) -> ot.ProbabilitySimulationResult:
+        """The estimate as OpenTURNS' own result."""
         size = self.getEvaluationNumber()
-        return ot.ProbabilitySimulationResult(self._event, self._probability, self._variance, size, 1)
+        return ot.ProbabilitySimulationResult(self.getEvent(), self._probability, self._variance, size, 1)
 
     def getMetaModelResult(self) -> ot.MetaModelResult:
         """The surrogate of the smooth outputs as a native function of the physical inputs, with its runs."""
@@ -574,7 +597,7 @@ class ActiveSubspaceReliabilityResult:
         ----------
         path : str or path
         event : optional
-            Needed for `getProbabilitySimulationResult` only, where the event's function is in Python.
+            Needed for `getEvent` and `getProbabilitySimulationResult` only, where the event's function is in Python.
 
         Raises
         ------

@@ -34,6 +34,11 @@ def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) ->
     -------
     path : :py:class:`pathlib.Path`
 
+    Raises
+    ------
+    FileNotFoundError
+        The folder does not exist.
+
     Examples
     --------
     >>> import tempfile
@@ -43,6 +48,9 @@ def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) ->
     'content'
     """
     path = Path(path)
+    if not path.parent.is_dir():
+        # The error of the system would name the temporary file.
+        raise FileNotFoundError(f"{path} cannot be written: there is no folder {path.parent}")
     temporary = path.with_name(f"{TEMPORARY}{os.getpid()}-{os.urandom(4).hex()}")
     try:
         with temporary.open("xb") as stream:

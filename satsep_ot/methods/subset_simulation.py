@@ -32,12 +32,16 @@ class SubsetEstimate:
         Probability of the last level reached: where no failure was found, the event is rarer than about this.
     runs : Runs
         All runs made.
+    nominal : list of Runs
+        Those of them that are independent draws of the standard normal distribution: the first level of each
+        simulation. They are the objects that the function gave, not copies.
     """
 
     probability: float
     coefficientOfVariation: float
     upperBound: float
     runs: Runs
+    nominal: list[Runs] = dataclasses.field(default_factory=list)
 
 
 def runSubsetSimulation(
@@ -88,7 +92,8 @@ def combineEstimates(estimates: list[SubsetEstimate]) -> SubsetEstimate:
         between = float(probabilities.var(ddof=1)) / number if number > 1 else 0.0
         error = math.sqrt(max(within, between)) / mean
     bound = max(part.upperBound for part in estimates)
-    return SubsetEstimate(mean, error, bound, Runs.concatenate([part.runs for part in estimates]))
+    nominal = [runs for part in estimates for runs in part.nominal]
+    return SubsetEstimate(mean, error, bound, Runs.concatenate([part.runs for part in estimates]), nominal)
 
 
 def _values(runs):
@@ -110,13 +115,16 @@ def _onePass(evaluate, dimension, chains, budget, generator):
         failures = int(np.count_nonzero(values <= 0.0))
         if level <= 0.0 or failures >= chains:
             final, variation = failures / size, variation + _levelVariation(values <= 0.0, chainValues, 0.0)
-            return SubsetEstimate(probability * final, variation, probability * final, Runs.concatenate(parts))
+            return SubsetEstimate(
+                probability * final, variation, probability * final, Runs.concatenate(parts), parts[:1]
+            )
         if len(values) > failures > 0 and budget - sum(map(len, parts)) < size - chains:
             final, variation = failures / size, variation + _levelVariation(values <= 0.0, chainValues, 0.0)
             bound = probability * _CONDITIONAL_PROBABILITY
-            return SubsetEstimate(probability * final, variation, bound, Runs.concatenate(parts))
+            return SubsetEstimate(probability * final, variation, bound, Runs.concatenate(parts), parts[:1])
         if budget - sum(map(len, parts)) < size - chains or not level < values[order[-1]]:
-            return SubsetEstimate(0.0, math.inf, probability * _CONDITIONAL_PROBABILITY, Runs.concatenate(parts))
+            bound = probability * _CONDITIONAL_PROBABILITY
+            return SubsetEstimate(0.0, math.inf, bound, Runs.concatenate(parts), parts[:1])
         variation += _levelVariation(values <= level, chainValues, level)
         probability *= _CONDITIONAL_PROBABILITY
         current, currentValues = points[order[:chains]], values[order[:chains]]
