@@ -140,6 +140,16 @@ def test_the_table_of_coverage_is_what_the_benchmark_printed():
     assert f"coverage is above {100 * clopperPearson(16, 16)[0]:.0f} %" in text
 
 
+def test_what_a_surrogate_may_have_missed_is_bounded_in_the_same_sentence(page, results):
+    notes = [row["note"] for row in results["rows"] if "no run has pointed at" in row["note"]]
+    notes += [values["reason"] for values in results["diagnostics"].values() if "pointed at" in values["reason"]]
+    assert len(notes) >= 2
+    assert all("is not excluded by these runs; 5,000 Monte Carlo runs bound the whole" in note for note in notes)
+    assert all(note in visible_text(page) for note in notes)
+    met = next(verdict for verdict in results["verdicts"] if verdict["status"] == "met")
+    assert "5,000 Monte Carlo runs, which need no surrogate, bound it by" in met["sentence"]
+
+
 def test_why_an_estimate_with_half_a_tolerance_ended_is_told(page, results):
     notes = [row["note"] for rows in results["tightened"].values() for row in rows]
     assert notes

@@ -5,13 +5,13 @@ import pytest
 from scipy import stats
 
 from satsep_ot.methods.reliability_result import clopperPearson
-from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, headline, judge
+from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, headline, judge, with_bound
 
 
 def row(method, lower, upper, converged=True):
     return {
         "method": method, "probability": None if upper is None else 0.5 * (lower + upper), "lower95": lower,
-        "upper95": upper, "converged": converged,
+        "upper95": upper, "converged": converged, "evaluations": 1000,
     }  # fmt: skip
 
 
@@ -92,3 +92,26 @@ def test_headlines_of_none_one_and_all():
     met = Verdict("spin", "met", "", None)
     assert headline([met]) == "The requirement is met with 95 % confidence."
     assert headline([met, met]) == "Every requirement is met with 95 % confidence."
+
+
+UNSEEN = (
+    "the target was reached; a failure region of probability below 3.6e-02 that no run has pointed at is not excluded"
+)
+
+
+def test_what_a_surrogate_may_have_missed_is_bounded_where_it_is_called_met():
+    crude = {**row("MonteCarlo", 5e-4, 4e-3), "evaluations": 20_000}
+    assert "within the allowed 5e-3. 20,000 Monte Carlo runs" in judge("spin", [ACTIVE, crude], 5e-3).sentence
+    assert judge("spin", [ACTIVE, crude], 5e-3).sentence.endswith("which need no surrogate, bound it by 4e-3.")
+    assert judge("spin", [ACTIVE, crude], 3e-3).sentence.endswith(
+        "bound it by 4e-3 only; more of them would show that none was missed."
+    )
+    assert judge("spin", [ACTIVE], 3e-3).sentence.endswith("MonteCarlo would bound it.")
+    # Where it decides by itself, and where nothing is called met, there is nothing to add.
+    assert judge("spin", [crude], 5e-3).sentence.endswith("within the allowed 5e-3.")
+    assert judge("spin", [ACTIVE, crude], 1.5e-3).sentence.endswith("More runs can decide it.")
+    assert with_bound(UNSEEN, [ACTIVE, crude]).endswith(
+        "by these runs; 20,000 Monte Carlo runs bound the whole probability, any such region included, by 4e-3"
+    )
+    assert with_bound(UNSEEN, [ACTIVE]) == UNSEEN
+    assert with_bound("the target was reached", [ACTIVE, crude]) == "the target was reached"

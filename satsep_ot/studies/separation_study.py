@@ -39,7 +39,7 @@ from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.report import write_report
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
-from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, judge
+from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, judge, with_bound
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 # What a study writes, beside the case and its tables.
@@ -475,7 +475,7 @@ class SeparationStudy:
 
     def getRows(self) -> list[dict]:
         """One dictionary for each requirement and method, as in results.json."""
-        return list(self._rows)
+        return [{**row, "note": with_bound(row["note"], self._rowsOf(row["requirement"]))} for row in self._rows]
 
     def _rowsOf(self, requirement):
         return [row for row in self._rows if row["requirement"] == requirement]
@@ -608,7 +608,7 @@ class SeparationStudy:
             "tightened": self.getTolerances(),
             "violations": {name: self._violationData(violation) for name, violation in self._violations.items()},
             "components": {name: self._componentData(part) for name, part in self._components.items()},
-            "diagnostics": {name: self._diagnostics(result) for name, result in self._results.items()},
+            "diagnostics": {name: self._diagnostics(name, result) for name, result in self._results.items()},
             "correlated": case.copula is not None,
             "assumptions": self._assumptions(),
         }
@@ -641,13 +641,12 @@ class SeparationStudy:
             "error_bound": part.subspace.getErrorBound(),
         }
 
-    @staticmethod
-    def _diagnostics(result):
+    def _diagnostics(self, requirement, result):
         finite = {name: value if np.isfinite(value) else None for name, value in result.getDiagnostics().items()}
         return {
             **finite,
             "method": result.getMethod(),
-            "reason": result.getReason(),
+            "reason": with_bound(result.getReason(), self._rowsOf(requirement)),
             "surrogate probability": result.getSurrogateProbability(),
         }
 

@@ -78,6 +78,60 @@ def contradiction(rows: Iterable[dict]) -> str:
     return f"the intervals of {' and '.join(texts)} do not overlap"
 
 
+def with_bound(note: str, rows: Iterable[dict]) -> str:
+    """A remark on what a surrogate may have missed, with what Monte Carlo, which has none, says of it.
+
+    Parameters
+    ----------
+    note : str
+        Why ActiveSubspace ended.
+    rows : sequence of dict
+        Of the same requirement.
+
+    Returns
+    -------
+    note : str
+        Unchanged where nothing may have been missed or there is no interval of MonteCarlo.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import with_bound
+    >>> row = {"method": "MonteCarlo", "lower95": 0.0, "upper95": 1.5e-4, "converged": True, "evaluations": 20000}
+    >>> note = "a failure region of probability below 3.6e-02 that no run has pointed at is not excluded"
+    >>> print(with_bound(note, [row]).removeprefix(note))
+     by these runs; 20,000 Monte Carlo runs bound the whole probability, any such region included, by 1.5e-4
+    """
+    crude = _monte_carlo_row(rows)
+    if crude is None or not note.endswith("no run has pointed at is not excluded"):
+        return note
+    return (
+        f"{note} by these runs; {crude['evaluations']:,} Monte Carlo runs bound the whole probability, any such region "
+        f"included, by {digits(crude['upper95'])}"
+    )
+
+
+def _monte_carlo_row(rows):
+    return next((row for row in _rows_with_interval(rows) if row["method"] == "MonteCarlo"), None)
+
+
+def _missed(row, rows, allowed):
+    """A sentence on failures that a surrogate may have missed where a requirement is said to be met."""
+    if row["method"] == "MonteCarlo":
+        return ""
+    crude = _monte_carlo_row(rows)
+    if crude is None:
+        return " A failure region that none of its runs has pointed at is in neither number: MonteCarlo would bound it."
+    upper = digits(crude["upper95"])
+    text = f" {crude['evaluations']:,} Monte Carlo runs, which need no surrogate, bound it by {upper}"
+    return f"{text}." if crude["upper95"] <= allowed else f"{text} only; more of them would show that none was missed."
+
+
+def _rows_with_interval(rows):
+    """The rows that may be judged by, the best one first."""
+    found = {row["method"]: row for row in rows if row["upper95"] is not None and row["converged"]}
+    return [found[method] for method in ("ActiveSubspace", "MonteCarlo") if method in found]
+
+
 def _rows_with_interval(rows):
     """The rows that may be judged by, the best one first."""
     found = {row["method"]: row for row in rows if row["upper95"] is not None and row["converged"]}
@@ -192,7 +246,8 @@ def judge(requirement: str, rows: Sequence[dict], allowed: float | None = None) 
     if allowed is None:
         return Verdict(requirement, NO_ALLOWANCE, f"{known}. The case file names no allowed probability.", row)
     if upper <= allowed:
-        return Verdict(requirement, MET, f"{known}: all of it within the allowed {digits(allowed)}.", row)
+        missed = "" if doubt else _missed(row, rows, allowed)
+        return Verdict(requirement, MET, f"{known}: all of it within the allowed {digits(allowed)}.{missed}", row)
     if lower > allowed:
         return Verdict(requirement, NOT_MET, f"{known}: all of it above the allowed {digits(allowed)}.", row)
     return Verdict(
