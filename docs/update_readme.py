@@ -20,6 +20,8 @@ def shown_screen(text):
     """The lines of a study's screen that the README shows: the verdicts, the table, and two halved tolerances each."""
     verdicts, table = text.split("\n\nProbability of violating", 1)
     table, rest = table.split("\nRemarks\n", 1)
+    # The command folds at 160 columns.
+    verdicts = re.sub(r" ?\n(?! |$)", " ", verdicts)
     halved = [line for line in rest.splitlines() if " with half the scatter of " in line]
     lines = []
     for line in verdicts.splitlines():
