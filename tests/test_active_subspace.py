@@ -695,6 +695,7 @@ def test_a_single_gradient_by_differences(method):
 def test_what_is_no_callable_or_no_level_is_refused():
     algorithm = ActiveSubspaceAlgorithm(ot.SymbolicFunction(["a"], ["a"]), ot.Normal())
     assert algorithm.getDistribution() == ot.Normal()
+    assert algorithm.getGradientMethod() == "Automatic"
     for setter in ("setGradientSampleFunction", "setWeightFunction"):
         with pytest.raises(TypeError, match="must be callable, got float"):
             getattr(algorithm, setter)(1.0)

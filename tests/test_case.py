@@ -326,6 +326,12 @@ REFUSALS = {
     "missing table": ("[satellite] ", "[platform.x] ", ["platform.x"]),
     "missing key": ("mass = 1200.0", "", ["platform.mass is missing", "kg"]),
     "missing stroke": ("stroke = 30.0", "", ["springs.stroke is missing", "mm"]),
+    "a name that cannot be printed": ("[inputs]", '[inputs]\n"a\\u0007b" = 3', ["inputs.", "printable characters"]),
+    "no list of points": (
+        re.search("half_width = .*\nheight = .*\n", REFERENCE)[0],
+        "points = 3\n",
+        ["envelope.points = 3", "a list of points"],
+    ),
     "text for a number": ("mass = 1200.0", 'mass = "1200 kg"', ["platform.mass = '1200 kg'", "positive number in kg"]),
     "boolean for a number": ("mass = 1200.0", "mass = true", ["platform.mass", "positive number in kg"]),
     "negative mass": ("mass = 1200.0", "mass = -1.0", ["platform.mass = -1.0", "positive"]),

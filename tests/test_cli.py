@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -586,3 +587,29 @@ def test_check_tells_correlations_struts_and_mounting_errors(tmp_path, capsys):
     out = capsys.readouterr().out
     for words in ("a and b are correlated: 0.5", "Stowed length 50 mm", "Mounting error 0.1, 0.2, 0.3 deg"):
         assert words in out
+
+
+def test_what_halving_a_tolerance_buys_is_printed(capsys):
+    row = {
+        "tolerance": "mass",
+        "probability": 2e-4,
+        "lower95": 1e-4,
+        "upper95": 4e-4,
+        "converged": False,
+        "note": "few",
+    }
+
+    class Study:
+        def getRows(self):
+            return []
+
+        def getRemarks(self):
+            return []
+
+        def getTolerances(self):
+            return {"spin": [row, {**row, "tolerance": "stroke", "converged": True}]}
+
+    cli._print_study("mine", Study(), [], [Path("out", "report.html")])
+    out = " ".join(capsys.readouterr().out.split())
+    assert "spin with half the scatter of mass: 2.00e-04 (1.00e-04..4.00e-04), not converged: few" in out
+    assert "spin with half the scatter of stroke: 2.00e-04 (1.00e-04..4.00e-04) " in out + " "

@@ -243,6 +243,22 @@ def test_rows_are_in_the_file_before_a_checkpoint_counts_them(interval, tmp_path
         assert (tmp_path / "runs.npy").read_bytes() == whole
 
 
+def test_inputs_that_come_once_are_skipped_up_to_where_a_run_continues(tmp_path):
+    rows = np.random.default_rng(1).normal(size=(1000, 2))
+    expected = run(stream(1000, inputs=rows))
+    for callback in (stop_at(50.0), None):
+        # The same rows again, in parts of other sizes than the blocks.
+        made = stream(1000, inputs=(part for part in np.array_split(rows, 13)))
+        made.setCheckpointFile(tmp_path / "state.json")
+        made.setProgressCallback(callback)
+        made.getScheduler().setMaximumAttempts(1)
+        if callback is None:
+            assert run(made) == expected
+        else:
+            with pytest.raises(Stopped):
+                made.run()
+
+
 def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path):
     made = stream(1000)
     made.setCheckpointFile(tmp_path / "state.json")

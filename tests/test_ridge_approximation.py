@@ -368,3 +368,14 @@ def test_a_start_that_no_point_lies_beside_is_kept():
     assert fit.converged
     np.testing.assert_array_equal(np.abs(fit.directions), [[1.0], [0.0]])
     assert fit.loss < 1e-28
+
+
+def test_an_output_that_is_not_there_is_not_drawn(random):
+    points = random.standard_normal((40, 3))
+    approximation = RidgeApproximation(points, points[:, :1], ot.Normal(3))
+    approximation.setDimension(1)
+    approximation.setDegree(1)
+    approximation.run()
+    for output in (-1, 1):
+        with pytest.raises(ValueError, match=f"output must be 0 to 0, got {output}"):
+            approximation.getResult().drawSufficientSummary(output)
