@@ -50,7 +50,7 @@ FILES = {
         "rigid_body": MOTION,
         "springs": MOTION,
         "gravity": MOTION,
-        "integration": MOTION,
+        "integration": ("integration", *MOTION),
         "flight": MOTION,
         "simulation": MOTION,
         "sensitivities": ("sensitivities", "closed_forms"),
