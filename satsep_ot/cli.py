@@ -539,7 +539,7 @@ def _executor(options):
 
 
 def _print_study(name, study, verdicts, paths):
-    from satsep_ot.studies.verdicts import headline
+    from satsep_ot.studies.verdicts import TOO_RARE, best_row, headline, is_resolved
 
     console = _console()
     console.print(f"[bold]{_plain(headline(verdicts))}[/bold]")
@@ -554,10 +554,12 @@ def _print_study(name, study, verdicts, paths):
     for remark in study.getRemarks():
         console.print(f"[bold]![/bold] {_plain(remark)}")
     for requirement, halved in study.getTolerances().items():
+        now = best_row(row for row in study.getRows() if row["requirement"] == requirement)
         for row in halved:
+            found = f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
             console.print(
                 f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
-                f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
+                + (found if is_resolved(now, row) else TOO_RARE)
                 + ("" if row["converged"] else f", not converged: {_plain(row['note'])}")
             )
     # Not through the console, which would fold a long path.

@@ -223,6 +223,12 @@ def test_probabilities_without_any_number():
     assert "no result" in [text.get_text() for text in ax.texts]
 
 
+def test_a_message_stands_in_place_of_a_probability():
+    ax = figures.draw_probabilities([row("as it is", 1e-3, 5e-4, 2e-3), {**row("half", None), "message": "too rare"}])
+    assert "too rare" in [text.get_text() for text in ax.texts]
+    assert ax.get_xlim()[1] < 1e-2
+
+
 @pytest.mark.parametrize(
     "call",
     [

@@ -223,15 +223,35 @@ def test_the_most_likely_violation_of_a_known_case(results):
 
 
 def test_gains_are_told_in_words():
-    def row(probability, spread=1.1):
-        return {"probability": probability, "lower95": probability / spread, "upper95": probability * spread}
+    def row(probability, spread=1.1, converged=True):
+        interval = {"lower95": probability / spread, "upper95": probability * spread}
+        return {"probability": probability, **interval, "converged": converged}
 
     assert _gain(row(1e-3), row(2.5e-4)) == "4 times less"
     assert _gain(row(1e-3), row(2e-3)) == "2 times more"
     assert _gain(row(1e-3), row(1e-8)) == "more than 100 times less"
     assert _gain(row(1e-3), row(9.5e-4)) == "no difference that these runs show"
     assert _gain(row(1e-3), row(0.0)) == "no violation left in these runs"
+    # Runs that end without an answer must not look like a worse case.
+    assert _gain(row(1e-3), {**row(0.0), "upper95": 1.09e-3}) == "no violation left in these runs"
+    assert _gain(row(1e-3), {**row(0.0), "upper95": 1.11e-3}) == "too rare to resolve with these runs"
+    assert _gain(row(1e-3), row(9e-4, 2.0, converged=False)) == "too rare to resolve with these runs"
+    assert _gain(row(1e-3), row(9e-4, 2.0)) == "no difference that these runs show"
+    assert _gain(row(1e-3), row(1.1e-3, 2.0, converged=False)) == "no difference that these runs show"
     assert _gain(None, row(1e-3)) == ""
+
+
+def test_runs_that_end_without_an_answer_are_no_advice(directory, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(directory, copy)
+    changed = json.loads((copy / "results.json").read_text(encoding="utf-8"))
+    halved = changed["tightened"]["rolling </script>"][0]
+    halved.update(probability=0.0, lower95=0.0, upper95=0.0567, converged=False)
+    (copy / "results.json").write_text(json.dumps(changed), encoding="utf-8")
+    text = visible_text(render_report(copy))
+    now = re.search(r"brings the probability from ([0-9.e-]+) to", visible_text(render_report(directory)))[1]
+    assert f"With half of it, a violation, now of probability {now}, is too rare to resolve with these runs." in text
+    assert "0.0567" not in text
 
 
 def test_report_command_writes_the_same_page_again(directory, page, tmp_path, capsys):

@@ -470,8 +470,9 @@ def draw_probabilities(rows: Sequence[dict], ax: Axes | None = None, title: str 
     Parameters
     ----------
     rows : sequence of dict
-        With the keys "method", "probability" (None where the method failed), "lower95", "upper95" (None for FORM and
-        SORM, which have no interval), "evaluations", and perhaps "gradients" and "converged".
+        With the keys "method", "probability" (None where there is none to draw), "lower95", "upper95" (None for FORM
+        and SORM, which have no interval), "evaluations", and perhaps "gradients", "converged" and "message", which
+        stands where there is no probability.
     ax : :class:`matplotlib.axes.Axes`, optional
     title : str
 
@@ -513,8 +514,8 @@ def draw_probabilities(rows: Sequence[dict], ax: Axes | None = None, title: str 
         face = colour if row.get("converged", True) else "white"
         probability, lower, upper = row["probability"], row.get("lower95"), row.get("upper95")
         if probability is None or not math.isfinite(probability):
-            ax.text(0.5, place, "no result", transform=ax.get_yaxis_transform(), ha="center", va="center",
-                    fontsize=FONT_SIZE)  # fmt: skip
+            ax.text(0.5, place, row.get("message", "no result"), transform=ax.get_yaxis_transform(), ha="center",
+                    va="center", fontsize=FONT_SIZE)  # fmt: skip
             continue
         if lower is not None and upper is not None:
             start = max(lower, low)

@@ -16,6 +16,7 @@ from satsep_ot.studies.verdicts import (
     MET,
     NO_ALLOWANCE,
     NOT_MET,
+    TOO_RARE,
     UNDECIDED,
     UNKNOWN,
     Verdict,
@@ -23,6 +24,7 @@ from satsep_ot.studies.verdicts import (
     digits,
     headline,
     in_words,
+    is_resolved,
 )
 
 _SYMBOLS = {MET: "✓", NOT_MET: "✗", UNDECIDED: "?", NO_ALLOWANCE: "–", UNKNOWN: "–"}
@@ -192,6 +194,7 @@ def _advice(results, best):
                 "scatter": results["tolerances"][name]["scatter"],
                 "ratio": ratios.get(name),
                 "half": halved.get(name),
+                "resolved": name in halved and is_resolved(now, halved[name]),
                 "factor": _gain(now, halved.get(name)),
             }
             for name in names
@@ -203,6 +206,8 @@ def _gain(now, then):
     """In words, how much less probable a violation has become."""
     if now is None or then is None or not now["probability"]:
         return ""
+    if not is_resolved(now, then):
+        return TOO_RARE
     if then["probability"] <= 0.0:
         return "no violation left in these runs"
     if then["upper95"] >= now["lower95"] and then["lower95"] <= now["upper95"]:

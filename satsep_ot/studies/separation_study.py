@@ -39,7 +39,7 @@ from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.report import write_report
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
-from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, judge, with_bound
+from satsep_ot.studies.verdicts import TOO_RARE, Verdict, best_row, contradiction, is_resolved, judge, with_bound
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 # What a study writes, beside the case and its tables.
@@ -772,7 +772,12 @@ class SeparationStudy:
             best = best_row(self._rowsOf(requirement))
             if best is not None and halved:
                 rows = [{**best, "method": "as it is"}]
-                rows += [{**row, "method": f"half of\n{row['tolerance'].replace('_', ' ')}"} for row in halved]
+                for row in halved:
+                    row = {**row, "method": f"half of\n{row['tolerance'].replace('_', ' ')}"}
+                    if not is_resolved(best, row):
+                        # No bar: it would show how few the runs are.
+                        row |= {"probability": None, "lower95": None, "upper95": None, "message": TOO_RARE}
+                    rows.append(row)
                 yield (
                     "tightened",
                     requirement,

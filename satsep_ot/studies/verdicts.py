@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 MET, NOT_MET, UNDECIDED, NO_ALLOWANCE, UNKNOWN = "met", "not met", "undecided", "no allowed probability", "no estimate"
+TOO_RARE = "too rare to resolve with these runs"
 
 
 class Verdict(NamedTuple):
@@ -132,10 +133,32 @@ def _rows_with_interval(rows):
     return [found[method] for method in ("ActiveSubspace", "MonteCarlo") if method in found]
 
 
-def _rows_with_interval(rows):
-    """The rows that may be judged by, the best one first."""
-    found = {row["method"]: row for row in rows if row["upper95"] is not None and row["converged"]}
-    return [found[method] for method in ("ActiveSubspace", "MonteCarlo") if method in found]
+def is_resolved(now: dict | None, then: dict) -> bool:
+    """Whether the estimate of a changed case says something of it.
+
+    Parameters
+    ----------
+    now : dict or None
+        The row that the requirement is judged by.
+    then : dict
+        A row of the changed case.
+
+    Returns
+    -------
+    resolved : bool
+        False where its runs saw no violation, or did not converge to fewer violations, and their interval reaches
+        further up than that of the case as it is: the lack of runs, not the change, has made it so wide.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.verdicts import is_resolved
+    >>> now = {"probability": 5e-6, "lower95": 4e-6, "upper95": 6e-6, "converged": True}
+    >>> is_resolved(now, {"probability": 0.0, "lower95": 0.0, "upper95": 4e-3, "converged": False})
+    False
+    """
+    if now is None or then["upper95"] <= now["upper95"]:
+        return True
+    return then["probability"] > 0.0 and (then["converged"] or then["probability"] >= now["probability"])
 
 
 def digits(probability: float) -> str:
