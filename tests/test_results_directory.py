@@ -197,3 +197,9 @@ def test_the_digest_sees_every_number():
     ]  # fmt: skip
     assert len({digest(thing) for thing in things}) == len(things)
     assert digest(things) == digest(list(things))
+
+
+def test_a_directory_shows_what_it_holds(tmp_path):
+    directory = open_directory(tmp_path / "out")
+    assert repr(directory) == f"ResultsDirectory({str(tmp_path / 'out')!r}, 'study')"
+    directory.close()
