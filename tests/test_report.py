@@ -127,7 +127,13 @@ def test_the_table_of_coverage_is_what_the_benchmark_printed():
         name = label.split()[0].strip(",") if label.startswith("P") else f"reference-{label.replace(' ', '-')}"
         row = found.pop((name, "safe" if "`safe`" in label else "fast"))
         assert float(probability) == pytest.approx(float(row[3]), rel=5e-3)
-        assert shown == [row[4], row[2], f"{int(row[5]):,}", f"{row[7]} ± {row[8]}", *row[9:14]]
+        assert shown == [
+            row[4],
+            row[2],
+            f"{int(row[5]):,}",
+            f"{row[7]}\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}{row[8]}",
+            *row[9:14],
+        ]
     assert found == {}
     # What is said of the spin below the table, and of sixteen repetitions.
     _, _, count, _, error, _, _, bias, deviation, *_, below, above, _, _, _ = next(
