@@ -32,8 +32,10 @@ from satsep_ot.model.inputs import ParameterMap
 from satsep_ot.model.separation_problem import SeparationProblem
 
 SIZE, SCIPY_SIZE, REPETITIONS = 4000, 3, 9
+MANY = 10  # times as many runs for two threads against one, so that their start does not count
 AGREEMENT = 1e-8
-TOLERANCES = (1e-8, 5e-9, 2e-9, 1e-9)  # the loosest is taken that keeps the worst of the runs within 1e-8
+# The loosest is taken that keeps the worst of the runs within 1e-8.
+TOLERANCES = (1e-7, 5e-8, 2e-8, 1e-8, 5e-9, 2e-9, 1e-9)
 SOURCE = Path(__file__).with_name("guided_separation.c")
 BODY = (
     "mass", *(f"inertia.{axes}" for axes in ("xx", "yy", "zz", "xy", "xz", "yz")),
@@ -353,10 +355,11 @@ def compare(label, separation, rows, run):
         ratio = "" if name == "satsep-ot" else f"; satsep-ot makes {rate['satsep-ot'] / value:,.3f} times as many"
         print(f"  {name:9s} {value:9,.0f} a second, tolerance {chosen[name][0]:g}, error {chosen[name][1]:.0e}{ratio}")
     if numba.config.NUMBA_NUM_THREADS > 1:
+        many = np.tile(rows, (MANY, 1))
         best = best_times(
-            {n: lambda n=n: on_threads(n, separation, rows, tolerance) for n in (1, 2)}, time.perf_counter
+            {n: lambda n=n: on_threads(n, separation, many, tolerance) for n in (1, 2)}, time.perf_counter
         )
-        print(f"  two threads make {best[1] / best[2]:.2f} times as many as one")
+        print(f"  two threads make {best[1] / best[2]:.2f} times as many as one, of {len(many):,} runs")
 
 
 def on_threads(threads, separation, rows, tolerance):
