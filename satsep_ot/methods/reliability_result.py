@@ -365,11 +365,6 @@ class ActiveSubspaceReliabilityResult:
             raise ValueError(f"the confidence level is {level}; it must lie between 0 and 1")
         return ot.Interval(*self._interval.bounds(level))
 
-    def getConfidenceLength(self, level: float = 0.95) -> float:
-        """Length of the confidence interval, as of :py:class:`openturns.ProbabilitySimulationResult`."""
-        interval = self.getConfidenceInterval(level)
-        return interval.getUpperBound()[0] - interval.getLowerBound()[0]
-
     def getReliabilityIndex(self) -> float:
         """Generalised reliability index ``-Phi^-1(p)``; infinite when the estimate is 0 or 1."""
         if self._probability <= 0.0 or self._probability >= 1.0:
