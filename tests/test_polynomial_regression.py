@@ -17,6 +17,22 @@ LAWS = {
 }
 
 
+class UniformInPython(ot.PythonDistribution):
+    """Between 0 and 1."""
+
+    def __init__(self):
+        super().__init__(1)
+
+    def getRange(self):
+        return ot.Interval(0.0, 1.0)
+
+    def computeCDF(self, point):
+        return min(max(point[0], 0.0), 1.0)
+
+    def computePDF(self, point):
+        return float(0.0 <= point[0] <= 1.0)
+
+
 def fitted(law, size=200, degree=4, noise=0.0, **options):
     ot.RandomGenerator.SetSeed(11)
     inputs = law.getSample(size)
@@ -488,3 +504,13 @@ def test_an_output_that_is_constant_decides_nothing_about_the_degree():
     errors = regression.selectDegree()
     assert regression.getDegree() == 2
     assert np.isfinite(list(errors.values())).all()
+
+
+def test_an_input_may_have_a_distribution_in_python():
+    law = ot.JointDistribution([ot.Distribution(UniformInPython())] * 3)
+    ot.RandomGenerator.SetSeed(11)
+    inputs = ot.JointDistribution([ot.Uniform(0.0, 1.0)] * 3).getSample(100)
+    regression = MultivariatePolynomialRegression(inputs, FUNCTION(inputs), law)
+    regression.run()
+    point = [0.2, 0.5, 0.7]
+    assert regression.getResult().getMetaModel()(point) == pytest.approx(np.array(FUNCTION(point)), abs=1e-9)

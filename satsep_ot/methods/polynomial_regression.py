@@ -38,7 +38,7 @@ def shuffled_folds(size: int, folds: int) -> list[np.ndarray]:
 
 
 def _isNormal(distribution):
-    return distribution.getImplementation().getClassName() == "Normal"
+    return isinstance(distribution.getImplementation(), ot.Normal)
 
 
 # The most common bases: they are not changed by anyone, and take longer to set up than a small fit.

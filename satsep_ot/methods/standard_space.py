@@ -68,7 +68,7 @@ class StandardSpace:
         """Refusals that need no transformation: building that of a Student copula can end the interpreter."""
         if not self._distribution.isContinuous():
             atoms = [
-                f"{name} ({marginal.getImplementation().getClassName()})"
+                f"{name} ({type(marginal.getImplementation()).__name__})"
                 for name, marginal in zip(
                     self._distribution.getDescription(),
                     map(self._distribution.getMarginal, range(self.getDimension())),
