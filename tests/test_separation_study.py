@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 
+from satsep_ot.model.case import parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy
 
@@ -106,6 +107,49 @@ def test_bad_arguments_are_named():
         SeparationStudy(problem, sampleSize=0)
     with pytest.raises(ValueError, match="there is no ActiveSubspace result of 'spin'"):
         SeparationStudy(problem).getReliabilityResult("spin")
+
+
+def test_a_study_that_has_not_run_has_results_but_no_report(tmp_path):
+    study = SeparationStudy(SeparationProblem("reference"), ["FORM"])
+    spin = study.getResults()["quantities"]["spin"]
+    assert spin["nominal"] > 0.0
+    assert "mean" not in spin
+    with pytest.raises(RuntimeError, match=r"has not run to its end: call run\(\) first"):
+        study.save(tmp_path / "results")
+    assert not (tmp_path / "results").exists()
+
+
+CONSTANT = """
+[platform]
+mass = 10
+inertia = [1, 1, 1]
+center_of_mass = [0, -100, 0]
+[satellite]
+mass = 1
+inertia = [0.01, 0.01, 0.01]
+center_of_mass = [0, 100, 0]
+[springs]
+count = 2
+radius = 100
+stiffness = 100
+deformation = 20
+stroke = 10
+[inputs]
+inertia = { quantity = "satellite.inertia.xx", sigma = 0.001 }
+[[requirements]]
+name = "velocity"
+quantity = "axial_velocity"
+minimum = 0.1
+"""
+
+
+def test_a_quantity_that_no_input_matters_to_has_neither_subspace_nor_violation():
+    problem = SeparationProblem(parse_case(CONSTANT, "mine.toml"))
+    study = SeparationStudy(problem, ["MonteCarlo"], 0, 100, 20, toleranceSize=0)
+    study.run()
+    results = study.getResults()
+    assert results["components"] == results["violations"] == {}
+    assert results["quantities"]["axial_velocity"]["deviation"] < 1e-9
 
 
 def test_what_a_study_is_made_of_and_what_it_found(study):

@@ -187,7 +187,7 @@ def test_another_case_is_refused_and_the_same_in_other_words_continued(directory
     with pytest.raises(DirectoryError, match="with seed = 3 instead of 4"):
         study(CASE, 4).setDirectory(directory, resume=True)
     with pytest.raises(DirectoryError, match="holds this study already"):
-        study(CASE).save(directory)
+        study(CASE).saveRows(directory)
     again = study("# The same.\n" + CASE)
     again.setDirectory(directory, resume=True)
     again._runSample = again._runMethod = None

@@ -699,7 +699,11 @@ class SeparationStudy:
         ------
         DirectoryError
             As by `setDirectory`.
+        RuntimeError
+            The study has not run to its end; `saveRows` writes what there is.
         """
+        if not self._complete:
+            raise RuntimeError("the study has not run to its end: call run() first, or saveRows() for what there is")
         self._takeDirectory(directory)
         results, paths = self.getResults(), []
         results["figures"] = []
