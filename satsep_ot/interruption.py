@@ -44,16 +44,17 @@ def supervise(kept: Callable[[], str]) -> None:
     watched = {number for number in heard if signal.getsignal(number) != signal.SIG_IGN} | {signal.SIGCHLD}
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
-    control = ctypes.CDLL(None).prctl
     # What a killed child leaves becomes ours, to be waited for.
-    control(_SET_CHILD_SUBREAPER, 1)
+    ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1)
     parent = os.getpid()
     child = os.fork()
-    if child:
-        os.setpgid(child, child)
-        _watch(child, watched, kept)
+    return _watch(child, watched, kept) if child else _work(parent, before)
+
+
+def _work(parent, before):
+    """Make this process the child of that parent, with the signals blocked that were blocked before."""
     os.setpgid(0, 0)
-    control(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    ctypes.CDLL(None).prctl(_SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(INTERRUPTED)
     # Not in the foreground, it would otherwise be stopped by what it prints, on terminals that are set so.
@@ -65,6 +66,7 @@ def supervise(kept: Callable[[], str]) -> None:
 
 def _watch(child, watched, kept):
     """Wait for the end of the child, or bring it about, and end."""
+    os.setpgid(child, child)
     while True:
         number = signal.sigwait(watched)
         ended, status = os.waitpid(child, os.WNOHANG)

@@ -2,6 +2,7 @@
 
 import copy
 import multiprocessing
+import os
 import pickle
 import subprocess
 import sys
@@ -268,6 +269,55 @@ def test_a_cluster_without_workers_is_waited_for_but_not_for_ever():
         scheduler.setPatience(60.0)
         threading.Timer(0.3, lambda: setattr(cluster, "workers", 2)).start()
         assert np.array_equal(run(scheduler, Late()), EXPECTED)
+
+
+def test_a_cluster_that_cannot_be_asked_any_more_is_named(monkeypatch):
+    def away():
+        raise OSError("the scheduler is away")
+
+    monkeypatch.setattr(chunk_scheduler, "_WORKER_POLL", 0.0)
+    with Cluster(2) as cluster:
+        results = ChunkScheduler(cluster).run(Work(Late()), chunks(50))
+        next(results)
+        cluster.nthreads = away
+        with pytest.raises(ChunkError, match=r"cannot be asked for its workers any more \(OSError: the sched"):
+            list(results)
+        # Before there is a chunk to name, the error is that of the cluster.
+        with pytest.raises(OSError, match="the scheduler is away"):
+            run(ChunkScheduler(cluster), Late())
+
+
+def test_there_are_as_many_processes_as_processors_unless_told():
+    for arguments, number in (((), len(os.sched_getaffinity(0))), ((3,), 3)):
+        with processes(*arguments)() as pool:
+            assert workerNumber(pool) == number
+
+
+WITHOUT = """
+import sys
+sys.modules.update({blocked})
+from satsep_ot.methods.chunk_scheduler import Work
+from satsep_ot.methods.executors import daskExecutor
+print(Work(abs).__reduce__()[1], len(Work(abs).payload) > 0)
+try:
+    Work(lambda x: x).payload
+except TypeError as error:
+    print(error)
+try:
+    with daskExecutor("tcp://127.0.0.1:9"):
+        pass
+except ImportError as error:
+    print(error)
+"""
+
+
+def test_packages_that_may_be_missing_are_not_missed_before_they_are_needed():
+    blocked = dict.fromkeys(["cloudpickle", "dill", "distributed"])
+    command = [sys.executable, "-c", WITHOUT.format(blocked=blocked)]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.splitlines()
+    assert said[0] == "(<built-in function abs>,) True"
+    assert "cannot be sent to another process (PicklingError" in said[1]
+    assert said[2] == "a Dask cluster needs the package distributed, which is not installed"
 
 
 # Processes. -----------------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import openturns as ot
@@ -110,6 +111,13 @@ def test_the_nearest_true_violation_stands_where_the_search_ends_in_an_error(pro
     found = drivers.most_likely_violation(problem, "rolling", sample)
     assert 2.5 < found.distance < 3.0
     assert math.isclose(found.distance, np.linalg.norm(found.standard))
+    # Nor does a search that ends inside make a violation of what is none.
+    origin = SimpleNamespace(getStandardSpaceDesignPoint=lambda: [0.1, 0.1])
+    astray = SimpleNamespace(run=lambda: None, getResult=lambda: origin)
+    monkeypatch.setattr(drivers.ot, "FORM", lambda *arguments: astray)
+    assert drivers.most_likely_violation(problem, "rolling", sample).distance == found.distance
+    assert drivers.most_likely_violation(problem, "rolling") is None
+    monkeypatch.setattr(drivers.ot, "FORM", Failing)
     monkeypatch.setattr(Failing, "message", "KeyboardInterrupt: in Python")
     with pytest.raises(KeyboardInterrupt):
         drivers.most_likely_violation(problem, "rolling", sample)

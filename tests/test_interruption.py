@@ -163,6 +163,24 @@ def test_nothing_outlives_a_process_that_is_killed():
         wait_until(workers, "Z")
 
 
+def test_a_process_whose_parent_has_ended_already_ends_at_once():
+    """Before the kernel could be told to end it with its parent."""
+    works = "import os\nfrom satsep_ot.interruption import _work\n_work(os.getppid() + {}, set())\nprint('works')"
+    pool = """
+import multiprocessing, os
+from types import SimpleNamespace
+from satsep_ot.methods.executors import _endWithParent
+parent, child = os.pipe()
+multiprocessing.parent_process = lambda: SimpleNamespace(sentinel=parent)
+os.close(child) if {} else None
+_endWithParent()
+print('works')"""
+    for program, ended in ((works, 130), (pool, 1)):
+        for parent, expected in ((0, (0, b"works\n")), (1, (ended, b""))):
+            process = subprocess.run([sys.executable, "-c", program.format(parent)], stdout=subprocess.PIPE, timeout=30)
+            assert (process.returncode, process.stdout) == expected
+
+
 def test_codes_and_output_are_passed_on():
     with running(READY + "print('said'); sys.stderr.write('warned'); sys.exit(3)") as (process, _):
         assert end(process, lambda: None) == (3, "said\n", "warned")

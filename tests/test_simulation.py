@@ -1,4 +1,5 @@
 import re
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from separation_cases import (
     truth_separation,
 )
 
+from satsep_ot.dynamics import simulation
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import quaternion_product, rotation_matrix
 from satsep_ot.dynamics.separation import Body, ForceLine, Separation, Springs, Status
@@ -270,6 +272,23 @@ def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
     # A spring with a table has no stiffness of its own.
     with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; 0 is allowed, since another law"):
         symmetric_separation(springs=Springs(SQUARE, 0.3, [0.0, 5500.0, 0.0, 0.0], 0.0, 0.03, tables=[table] * 4))
+
+
+def test_an_error_in_a_thread_ends_the_batch(monkeypatch):
+    monkeypatch.setattr(simulation.numba, "get_num_threads", lambda: 2)
+    done = []
+
+    def job(first, end):
+        if first == 20:
+            raise MemoryError("no room for a tape")
+        time.sleep(0.01)
+        done.append(end - first)
+
+    simulation._in_threads(15, 10, job)
+    assert sorted(done) == [5, 10]
+    with pytest.raises(MemoryError, match="no room for a tape"):
+        simulation._in_threads(1000, 10, job)
+    assert len(done) < 50
 
 
 def test_the_tolerance_is_1e_8_where_none_is_given():

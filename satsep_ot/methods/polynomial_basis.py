@@ -542,6 +542,8 @@ def _least_squares(basis, points, values, weights, allow_deficient):
     factored = np.triu(factored)
     left, singular, right = linalg.svd(factored[:, :size], full_matrices=False, check_finite=False)
     rank = int((singular > singular[0] * max(len(points), size) * np.finfo(float).eps).sum())
+    # The two norms need not agree at the edge, where the triangle has been refused.
+    rank = min(rank, size - 1)
     if rank < size and not allow_deficient:
         raise ValueError(
             f"The polynomial has {size} terms but the {len(points)} points give rank {rank} only: "
@@ -550,9 +552,6 @@ def _least_squares(basis, points, values, weights, allow_deficient):
     factor = right[:rank].T / singular[:rank]
     coefficients = (factor @ (left[:, :rank].T @ factored[:, size:])).reshape(size, *values.shape[1:])
     condition = singular[0] / singular[-1] if singular[-1] > 0.0 else np.inf
-    if rank == size:
-        # At full rank the rest of the class works with the triangular factor.
-        factor = triangle
     return PolynomialFit(basis, points, values, weights, coefficients, factor, rank, condition)
 
 

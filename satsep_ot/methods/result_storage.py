@@ -194,11 +194,7 @@ def _plain(name, value):
         return value
     if _isPython(value):
         raise ValueError(f"the {name} is made of Python code, which is not stored: it would run on loading")
-    try:
-        return toXML(value)
-    except RuntimeError:
-        # Functions that OpenTURNS cannot store.
-        return None
+    return toXML(value)
 
 
 def readResult(
