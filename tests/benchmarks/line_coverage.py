@@ -2,9 +2,10 @@
 
     python tests/benchmarks/line_coverage.py FOLDER [TEST ...]
 
-Three runs, put together in FOLDER: those tests of the simulator that take no more than some seconds with its kernels as
-plain Python, all fast tests (or those named) as ever, with the processes that they start, and the slow ones of a
-cluster. Prints the share of each file and the lines missed.
+Four runs, put together in FOLDER: those tests of the simulator that take no more than some seconds with its kernels as
+plain Python; all fast tests (or those named) as ever, with the processes that they start; the slow ones of a cluster;
+and the simulator's once more, in a copy whose lines not seen so far say when they are reached, compiled as they are.
+Prints the share of each file and the lines missed.
 """
 
 import argparse
@@ -12,6 +13,8 @@ import json
 import math
 import os
 import platform
+import re
+import shutil
 import subprocess
 import sys
 from importlib import metadata
@@ -22,6 +25,9 @@ import pytest
 from mutation_check import ALL_MOTION, Order, run_tests
 
 ROOT = Path(__file__).resolve().parents[2]
+# One thread: a test that takes too long is interrupted in it, others would run to their end.
+PLAIN = {"NUMBA_DISABLE_JIT": "1", "NUMBA_NUM_THREADS": "1"}
+MARK = "reached "
 CLUSTER = [f"tests/test_{name}.py" for name in ("dask", "study_workers", "chunk_scheduler")]
 # What cannot be reached in a test, or is there for type checkers alone, is left out.
 CONFIGURATION = """
@@ -65,6 +71,36 @@ def measure(folder, run, tests):
     record.save()
 
 
+def mark(folder):
+    """A copy of the package and its tests in which each line of the simulator that was missed prints where it is."""
+    record = recorder(folder)
+    record.combine(keep=True)
+    copy = folder / "marked"
+    shutil.rmtree(copy, ignore_errors=True)
+    for part in ("satsep_ot", "tests"):
+        shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(ROOT / "pyproject.toml", copy)
+    for path in sorted((ROOT / "satsep_ot" / "dynamics").glob("*.py")):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        for number in reversed(record.analysis2(str(path))[3]):
+            indent, statement = re.fullmatch(r"( *)(.*)", lines[number - 1]).groups()
+            # Nothing may stand before a further branch.
+            if not statement.startswith(("elif ", "else:", "except", "finally:")):
+                lines.insert(number - 1, f'{indent}print("{MARK}{path.name}:{number}")')
+        (copy / "satsep_ot" / "dynamics" / path.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return copy
+
+
+def note_marks(folder, said):
+    """Add the lines that have said so to what coverage has recorded."""
+    reached = {}
+    for name, number in sorted(set(re.findall(rf"{MARK}(\w+\.py):(\d+)", said))):
+        reached.setdefault(str(ROOT / "satsep_ot" / "dynamics" / name), []).append(int(number))
+    data = coverage.CoverageData(basename=str(folder / "coverage.marked"))
+    data.add_lines(reached)
+    data.write()
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
@@ -80,9 +116,16 @@ def main():
     motion = [f"tests/test_{name}.py" for name in (*ALL_MOTION, "force_table")] + ["satsep_ot/dynamics"]
     runs = {"durations": motion, "plain": motion, "compiled": options.tests or ["tests", "satsep_ot"], "slow": CLUSTER}
     for run, tests in runs.items() if not options.report else []:
-        environment = os.environ | ({"NUMBA_DISABLE_JIT": "1"} if tests is motion else {})
+        environment = os.environ | (PLAIN if tests is motion else {})
         command = [sys.executable, __file__, str(folder), "--run", run, *tests]
         subprocess.run(command, cwd=ROOT, env=environment, check=True)
+    if not options.report:
+        copy = mark(folder)
+        # Without the doctests, whose output would not be the expected one.
+        command = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider", "-m", "not slow", *motion[:-1]]
+        environment = os.environ | {"PYTHONPATH": str(copy)}
+        done = subprocess.run(command, cwd=copy, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+        note_marks(folder, done.stdout)
     record = recorder(folder)
     record.combine(keep=True)
     print(f"$ python tests/benchmarks/line_coverage.py {' '.join(['FOLDER', *options.tests])}")
