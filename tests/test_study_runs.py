@@ -222,6 +222,15 @@ def test_a_study_is_saved_where_it_was_told(tmp_path):
     study.close()
 
 
+def test_the_precision_that_is_asked_for_is_reached():
+    study = SeparationStudy(SeparationProblem("reference"), targetCoefficientOfVariation=0.035)
+    row = study._runMethod("lateral rate", "ActiveSubspace")
+    assert row.converged
+    assert 0.02 < row.coefficient_of_variation <= 0.035
+    with pytest.raises(ValueError, match=r"targetCoefficientOfVariation = 0\.001; a number from 0\.01 to 0\.5"):
+        SeparationStudy(problem(), targetCoefficientOfVariation=0.001)
+
+
 def test_a_table_with_the_name_of_the_case_is_refused(tmp_path):
     (tmp_path / "case.toml").write_text("stroke_mm,force_N\n0,2\n10,1\n", encoding="utf-8")
     text = CASE.replace("stiffness = 100\ndeformation = 20\n", 'table = "case.toml"\n')

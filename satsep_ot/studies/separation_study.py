@@ -8,6 +8,7 @@ import contextlib
 import dataclasses
 import datetime
 import json
+import math
 import os
 import platform
 import tempfile
@@ -27,6 +28,7 @@ from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
 from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.reliability_methods import ActiveSubspace
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
 from satsep_ot.methods.result_storage import syncDirectory, toXML, writeWhole
 from satsep_ot.methods.true_runs import TrueRuns
@@ -89,11 +91,14 @@ class SeparationStudy:
     toleranceSize : int
         How many of the strongest tolerances of each requirement are halved to see what that buys; 0 for none. It takes
         ActiveSubspace among the methods.
+    targetCoefficientOfVariation : float
+        At which ActiveSubspace ends, from 0.01 to 0.5. Its runs grow with 1 / square of it, and so does their limit,
+        which is 5,000 at 0.05 and above.
 
     Raises
     ------
     ValueError
-        If a method is unknown or a size is not positive.
+        If a method is unknown, a size is not positive, or the target is out of its range.
 
     Examples
     --------
@@ -114,6 +119,7 @@ class SeparationStudy:
         sampleSize: int = 500_000,
         gradientSize: int = 300,
         toleranceSize: int = 2,
+        targetCoefficientOfVariation: float = 0.05,
     ) -> None:
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
@@ -123,12 +129,17 @@ class SeparationStudy:
                 raise ValueError(f"{name} = {value}; a positive whole number is allowed")
         if int(toleranceSize) != toleranceSize or toleranceSize < 0:
             raise ValueError(f"toleranceSize = {toleranceSize}; a whole number from 0 on is allowed")
+        if not 0.01 <= targetCoefficientOfVariation <= 0.5:
+            raise ValueError(
+                f"targetCoefficientOfVariation = {targetCoefficientOfVariation}; a number from 0.01 to 0.5 is allowed"
+            )
         self._problem = problem
         self._methods = [name for name in STUDY_METHODS if name in methods]
         self._seed = int(seed)
         self._sampleSize = int(sampleSize)
         self._gradientSize = int(gradientSize)
         self._toleranceSize = int(toleranceSize)
+        self._target = float(targetCoefficientOfVariation)
         self._names = [*problem.getRequirementNames(), SYSTEM]
         self._progress = lambda label, share: None
         self._directory: ResultsDirectory | None = None
@@ -186,6 +197,7 @@ class SeparationStudy:
             "runs": self._sampleSize,
             "gradients": self._gradientSize,
             "tolerances": self._toleranceSize,
+            "precision": self._target,
             "methods": self._methods,
             "versions": package_versions(),
         }
@@ -385,9 +397,12 @@ class SeparationStudy:
 
     def _runMethod(self, requirement, name):
         components = self._problem.getComponents(*([] if requirement == SYSTEM else [requirement]))
-        method = METHODS[name]()
         if name == "MonteCarlo":
             method = _SharedSample(self._summary["violations"][requirement], self._sampleSize)
+        elif name == "ActiveSubspace":
+            method = ActiveSubspace(self._target, math.ceil(5000 * max(1.0, (0.05 / self._target) ** 2)))
+        else:
+            method = METHODS[name]()
         self._start(requirement, name)
         event, parts = self._event(requirement), []
         comparison = ReliabilityComparison(event, [method])
@@ -574,6 +589,7 @@ class SeparationStudy:
                 "sample": self._sampleSize,
                 "gradients": self._gradientSize,
                 "tolerances": self._toleranceSize,
+                "precision": self._target,
                 "methods": self._methods,
             },
             "rows": self.getRows(),

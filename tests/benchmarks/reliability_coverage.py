@@ -1,7 +1,7 @@
 """Repetitions of ActiveSubspaceReliability where the probability is known: runs, bias, real and claimed error.
 
     python tests/benchmarks/reliability_coverage.py [--problems P1 P2 ...] [--modes fast safe] [--repetitions 200]
-        [--rows rows.jsonl]
+        [--target 0.05] [--rows rows.jsonl]
 
 A problem is one of those of `satsep-ot benchmark`; every run counts, those of learning too, and no gradient is used.
 Seconds are those of the processor. Each repetition is added to the file of rows as soon as it is known; the same
@@ -10,6 +10,7 @@ command continues after an interruption. The second column of the truth is its o
 
 import argparse
 import json
+import math
 import time
 from importlib import metadata
 from pathlib import Path
@@ -20,7 +21,7 @@ import openturns as ot
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.studies.method_benchmark import benchmark_tasks
 
-# Runs that each problem may take; elsewhere the default of the algorithm.
+# Runs that each problem may take at 0.05 and above; elsewhere the default of the algorithm.
 LIMITS = {"P6": 20_000, "P7": 20_000}
 # Head, second line of the head, width and format of each number.
 COLUMNS = (
@@ -43,7 +44,7 @@ COLUMNS = (
 PROBLEMS = ("P1", "P2", "P3", "P4", "P5", "P6", "P7")
 
 
-def repeat(event, components, mode, limit, seed):
+def repeat(event, components, mode, target, limit, seed):
     """One repetition, as a row of numbers with their names."""
     start = time.process_time()
     ot.RandomGenerator.SetSeed(seed)
@@ -51,7 +52,8 @@ def repeat(event, components, mode, limit, seed):
     if components is not None:
         algorithm.setComponents(*components)
     algorithm.setMode(mode)
-    algorithm.setMaximumEvaluations(limit)
+    algorithm.setTargetCoefficientOfVariation(target)
+    algorithm.setMaximumEvaluations(math.ceil(limit * max(1.0, (0.05 / target) ** 2)))
     algorithm.run()
     result = algorithm.getResult()
     interval = result.getConfidenceInterval(0.95)
@@ -67,17 +69,17 @@ def repeat(event, components, mode, limit, seed):
     }
 
 
-def repetitions(task, mode, seeds, path):
+def repetitions(task, mode, target, seeds, path):
     """The rows of all seeds: those in the file, and new ones, which are added to it."""
     known = {}
     if path.exists():
         for row in map(json.loads, path.read_text().splitlines()):
-            if (row["problem"], row["mode"]) == (task.name, mode):
+            if (row["problem"], row["mode"], row["target"]) == (task.name, mode, target):
                 known[row["seed"]] = row
     for seed in seeds:
         if seed not in known:
-            row = repeat(task.event, task.components, mode, LIMITS.get(task.name, 5000), seed)
-            known[seed] = {"problem": task.name, "mode": mode, "seed": seed} | row
+            row = repeat(task.event, task.components, mode, target, LIMITS.get(task.name, 5000), seed)
+            known[seed] = {"problem": task.name, "mode": mode, "target": target, "seed": seed} | row
             with path.open("a") as file:
                 file.write(json.dumps(known[seed]) + "\n")
     return [known[seed] for seed in seeds]
@@ -120,6 +122,7 @@ def main():
     parser.add_argument("--modes", nargs="+", default=["fast"], choices=["fast", "safe"])
     parser.add_argument("--repetitions", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0, help="of the first repetition; the others follow")
+    parser.add_argument("--target", type=float, default=0.05, help="coefficient of variation at which each ends")
     parser.add_argument("--rows", type=Path, default=Path("reliability_coverage.jsonl"), help="file of the repetitions")
     options = parser.parse_args()
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("satsep-ot", "openturns", "numpy", "scipy"))
@@ -130,7 +133,7 @@ def main():
         (task,) = benchmark_tasks([name])
         for mode in options.modes:
             seeds = range(options.seed, options.seed + options.repetitions)
-            rows = repetitions(task, mode, seeds, options.rows)
+            rows = repetitions(task, mode, options.target, seeds, options.rows)
             print(summary(task, mode, rows), flush=True)
 
 
