@@ -144,7 +144,7 @@ def test_inputs_that_are_given(tmp_path):
             made = stream(1050, pool, given)
             made.setChunkSize(300)
             assert run(made) == expected
-    with pytest.raises(ValueError, match=r"rows 0 to 1059 have shape \(1050, 2\); \(1060, 2\) is needed"):
+    with pytest.raises(ValueError, match="the inputs end after row 1049; 1060 rows are needed"):
         run(stream(1060, inputs=iter([rows])))
     with pytest.raises(ValueError, match="1060 runs are wanted of 1050 rows"):
         stream(1060, inputs=rows)
@@ -259,6 +259,29 @@ def test_inputs_that_come_once_are_skipped_up_to_where_a_run_continues(tmp_path)
                 made.run()
 
 
+def test_inputs_that_end_before_what_a_checkpoint_counts_are_named(tmp_path):
+    rows = np.random.default_rng(1).normal(size=(1000, 2))
+    for given, callback, error in ((rows, stop_at(50.0), Stopped), (rows[:200], None, ValueError)):
+        made = stream(1000, inputs=iter([given]))
+        made.setChunkSize(300)
+        made.setCheckpointFile(tmp_path / "state.json")
+        made.setProgressCallback(callback)
+        with pytest.raises(error) as caught:
+            made.run()
+    assert "the inputs end after row" in str(caught.value)
+
+
+def test_a_chunk_is_of_the_size_that_was_asked_for_in_any_order():
+    sizes = []
+    function = ot.PythonFunction(2, 1, func_sample=lambda X: (sizes.append(len(X)), np.array(X)[:, :1])[1])
+    for setters in (("setChunkSize", "setBlockSize"), ("setBlockSize", "setChunkSize")):
+        made = MonteCarloStream(function, ot.Normal(2), 1000)
+        for name in setters:
+            getattr(made, name)({"setChunkSize": 250, "setBlockSize": 50}[name])
+        made.run()
+    assert set(sizes) == {250}
+
+
 def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path):
     made = stream(1000)
     made.setCheckpointFile(tmp_path / "state.json")
@@ -273,6 +296,10 @@ def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path)
     ot.RandomGenerator.SetSeed(7)
     with pytest.raises(ValueError, match="shorter than the checkpoint says; remove both to begin anew"):
         made.run()
+    part.unlink()
+    ot.RandomGenerator.SetSeed(7)
+    with pytest.raises(ValueError, match=r"runs\.npy\.part is missing, whose rows the checkpoint counts"):
+        made.run()
 
 
 def test_a_checkpoint_of_other_runs_is_refused(tmp_path):
@@ -284,6 +311,16 @@ def test_a_checkpoint_of_other_runs_is_refused(tmp_path):
     other.setCheckpointFile(path)
     with pytest.raises(ValueError, match="the checkpoint of other runs: runs differ"):
         other.run()
+    # Counts are in the order of the events.
+    permuted = stream(300)
+    permuted.setEvents(dict(reversed(EVENTS.items())))
+    permuted.setCheckpointFile(path)
+    with pytest.raises(ValueError, match="the checkpoint of other runs: events differ"):
+        permuted.run()
+    nearly = stream(300, inputs=ot.Normal([0.0, 1e-9], [1.0, 1.0], ot.CorrelationMatrix(2)))
+    nearly.setCheckpointFile(path)
+    with pytest.raises(ValueError, match="the checkpoint of other runs: inputs differ"):
+        nearly.run()
     ot.RandomGenerator.SetSeed(8)
     with pytest.raises(ValueError, match="the checkpoint of other runs: inputs differ"):
         made.run()

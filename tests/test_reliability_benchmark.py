@@ -14,6 +14,7 @@ from mischief import Twice
 from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
 from satsep_ot.methods.chunk_scheduler import ChunkError
 from satsep_ot.methods.executors import processes
+from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.reliability_benchmark import (
     BenchmarkRow,
     BenchmarkTask,
@@ -50,6 +51,18 @@ class Told(ReliabilityMethod):
 def task(name="task", **options):
     vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
     return BenchmarkTask(name, ot.ThresholdEvent(vector, ot.Greater(), 2.3), TRUTH, **options)
+
+
+class Streaming(ReliabilityMethod):
+    """A method that draws from a stream, which takes the random generator for itself, as a repetition does."""
+
+    name = "Streaming"
+
+    def run(self, problem):
+        stream = MonteCarloStream(problem.event.getFunction(), problem.event.getAntecedent().getDistribution(), 1000)
+        stream.setEvents({"event": (0, problem.event.getOperator(), problem.event.getThreshold())})
+        stream.run()
+        return Row(self.name, stream.getResult().getProbabilityEstimate("event"))
 
 
 def rows(methods, repetitions=4, probabilityError=0.0, **options):
@@ -239,6 +252,12 @@ def test_processes_change_no_number():
     assert without_seconds(spread) == without_seconds(alone)
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
+
+
+def test_a_method_may_run_a_stream():
+    row = rows([Streaming()])["Streaming"]
+    assert row.failed == 0
+    assert abs(row.bias) < 0.5
 
 
 class Deadly(ReliabilityMethod):

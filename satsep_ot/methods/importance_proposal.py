@@ -169,6 +169,9 @@ def fitGaussianMixture(
         responsibility = np.exp(logs - density[:, None])
         totals = responsibility.sum(axis=0)
         kept = totals > 2.0 * (k + 1)
+        if not kept.any():
+            # Too many directions for the covariances of any cluster: the clusters themselves must do.
+            break
         responsibility, totals = responsibility[:, kept], totals[kept]
         means = (responsibility.T @ points) / totals[:, None]
         covariances = np.empty((len(totals), k, k))

@@ -27,8 +27,8 @@ _CHUNK_BLOCKS = 16
 _CHECKPOINT_INTERVAL = 2.0
 # Seeds of the blocks of one stream differ: OpenTURNS takes them modulo this.
 _SEEDS = 2**32
-# OpenTURNS has one random generator for all threads of a process.
-generatorLock = threading.Lock()
+# OpenTURNS has one random generator for all threads of a process. What holds it may run a stream of its own.
+generatorLock = threading.RLock()
 
 
 @dataclasses.dataclass
@@ -97,7 +97,7 @@ class _BlockWork:
         """Summaries, and the rows to be kept, of the blocks first to end - 1; a message in place of wrong values."""
         first, end, X = argument
         if X is None:
-            X = np.concatenate([self._draw(block) for block in range(first, end)])
+            X = np.concatenate([self.draw(block) for block in range(first, end)])
         values = self.function.evaluate(X)
         wrong = wrongResult(values, (len(X), self.function.function.getOutputDimension()))
         if wrong:
@@ -109,7 +109,8 @@ class _BlockWork:
         kept = {"none": None, "outputs": values}.get(self.keeps)
         return summaries, np.hstack([X, values]) if self.keeps == "both" else kept
 
-    def _draw(self, block):
+    def draw(self, block):
+        """The inputs of a block, from a seed of its own."""
         count = min(self.blockSize, self.size - block * self.blockSize)
         with generatorLock:
             state = ot.RandomGenerator.GetState()
@@ -174,7 +175,7 @@ class MonteCarloStream:
             raise ValueError(f"{size} runs are wanted of {len(self._rows)} rows")
         self._size = int(size)
         self._blockSize = 1024
-        self._chunkBlocks = _CHUNK_BLOCKS
+        self._chunkSize = None
         self._events = {}
         self._scheduler = ChunkScheduler()
         self._file, self._keeps, self._checkpoint = None, "none", None
@@ -223,7 +224,7 @@ class MonteCarloStream:
         """Runs that a worker makes at once, rounded up to whole blocks (default 16 blocks)."""
         if int(size) != size or size < 1:
             raise ValueError(f"the chunk size is {size}; a whole number from 1 on is allowed")
-        self._chunkBlocks = -(-int(size) // self._blockSize)
+        self._chunkSize = int(size)
 
     def setOutputFile(self, path: str | os.PathLike | None, withInputs: bool = False) -> None:
         """Keep the outputs of all runs, (N, p), or inputs and outputs, (N, n + p), in an .npy file; None for none.
@@ -237,7 +238,8 @@ class MonteCarloStream:
         """Continue from this file where it is there, and keep in it what is done; None (default) for neither.
 
         The result of a run that was interrupted and continued is that of one that was not. A checkpoint of another
-        distribution, seed, size or other events is refused; arrays that are given as inputs are not compared.
+        distribution, seed, size or other events is refused. Arrays that are given as inputs are not compared, and of
+        the function only the names of its inputs and outputs.
         """
         self._checkpoint = None if path is None else Path(path)
 
@@ -262,7 +264,7 @@ class MonteCarloStream:
         work = _BlockWork(
             self._work, self._distribution, self._size, self._blockSize, seed, events, self._keeps
         )  # fmt: skip
-        state = _State(self._checkpoint, self._fingerprint(seed))
+        state = _State(self._checkpoint, self._fingerprint(work))
         width = work.function.function.getOutputDimension()
         width += work.function.function.getInputDimension() if self._keeps == "both" else 0
 
@@ -296,12 +298,14 @@ class MonteCarloStream:
         finally:
             self._scheduler.close()
 
-    def _fingerprint(self, seed):
+    def _fingerprint(self, work):
         """What two runs must share for one to continue the other."""
         function = self._work.function
-        source = "given" if self._distribution is None else f"{seed} {self._distribution!r}"
-        events = {name: [column, repr(operator), limit] for name, (column, operator, limit) in self._events.items()}
-        digest = hashlib.sha256(source.encode()).hexdigest()
+        # OpenTURNS prints six digits of a distribution's parameters; the runs that it draws tell more.
+        first = b"given" if self._distribution is None else work.draw(0).tobytes()
+        # In their order, which is that of the counts.
+        events = [[name, column, repr(operator), limit] for name, (column, operator, limit) in self._events.items()]
+        digest = hashlib.sha256(first).hexdigest()
         labels = [*function.getInputDescription(), *function.getOutputDescription()]
         return {
             "runs": self._size, "block": self._blockSize, "inputs": digest, "labels": labels, "events": events,
@@ -310,13 +314,16 @@ class MonteCarloStream:
 
     def _chunks(self, done):
         """The chunks from the run `done` on, which begins a block."""
-        step = self._chunkBlocks * self._blockSize
+        blocks = _CHUNK_BLOCKS if self._chunkSize is None else -(-self._chunkSize // self._blockSize)
+        step = blocks * self._blockSize
         rows = self._rows if self._rows is None or isinstance(self._rows, np.ndarray) else _Rows(self._rows, done)
         for first in range(done, self._size, step):
             end = min(first + step, self._size)
             X = None
             if rows is not None:
                 X = np.array(rows[first:end], dtype=float)
+                if len(X) < end - first:
+                    raise ValueError(f"the inputs end after row {first + len(X) - 1}; {self._size} rows are needed")
                 if X.shape != (end - first, self._work.function.getInputDimension()):
                     raise ValueError(
                         f"the inputs of rows {first} to {end - 1} have shape {X.shape}; "
@@ -330,8 +337,8 @@ class _Rows:
 
     def __init__(self, arrays, skipped):
         self._arrays, self._left = arrays, None
-        while skipped:
-            skipped -= len(self._take(skipped))
+        while skipped and len(part := self._take(skipped)):
+            skipped -= len(part)
 
     def __getitem__(self, rows):
         parts, wanted = [], rows.stop - rows.start
@@ -364,6 +371,8 @@ class _RowFile:
         self._part = path.with_name(path.name + ".part")
 
     def __enter__(self):
+        if self._done and not self._part.exists():
+            raise ValueError(f"{self._part} is missing, whose rows the checkpoint counts; remove that to begin anew")
         self._stream = open(self._part, "r+b" if self._done else "wb")
         header = {"descr": "<f8", "fortran_order": False, "shape": self._shape}
         np.lib.format.write_array_header_2_0(self._stream, header)

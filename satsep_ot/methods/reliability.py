@@ -108,8 +108,8 @@ class ActiveSubspaceReliability:
 
     Where no true run has failed, only the n runs drawn from the distribution of the inputs itself bound the
     probability, by ``1 - 0.05^(1/n)`` at 95 %; the runs of the surrogate's proposals and of the chains of subset
-    simulation do not. After a hand-over that found no failure, or a constant, the rest of the evaluations is spent on
-    such runs.
+    simulation do not. After a hand-over that found no failure, or where the first runs are all alike, such runs are
+    made until they reach the target or the evaluations end.
 
     Examples
     --------
@@ -282,10 +282,11 @@ class ActiveSubspaceReliability:
         self._checkComposition(self._initial)
         margins = self._initial.margins[self._initial.finite]
         if len(margins) == 0 or np.ptp(margins) == 0.0:
-            if len(margins) > 0 and not self._initial.failed.any():
+            what = "not finite in any of" if len(margins) == 0 else "constant in"
+            if len(margins) > 0:
                 self._spendOnNominalRuns()
             self._finishFromNominalRuns(
-                f"the event's variable is constant in the first {initialSize} runs, so nothing can be learnt"
+                f"the event's variable is {what} the first {initialSize} runs, so nothing can be learnt"
             )
             return
         self._nominalSpread = float(margins.std())
@@ -627,11 +628,21 @@ class ActiveSubspaceReliability:
         return lambda: failureSampleOf(blocks, limitState, np.random.default_rng(seed))
 
     def _spendOnNominalRuns(self):
-        """The evaluations that are left, as by Monte Carlo: nothing tells where better ones would be."""
-        remaining = self._maximumEvaluations - self._used()
-        size = max(self._blockSize, math.ceil(remaining / 10))
-        for start in range(0, remaining, size):
-            self._evaluateNominal(min(size, remaining - start), "Monte Carlo")
+        """Up to the evaluations that are left, as by Monte Carlo: nothing tells where better ones would be."""
+        while self._used() < self._maximumEvaluations and not self._nominalRunsSuffice():
+            size = max(self._blockSize, self._used() // 4)
+            self._evaluateNominal(min(size, self._maximumEvaluations - self._used()), "Monte Carlo")
+
+    def _nominalRunsSuffice(self):
+        """Whether both bounds at 95 % are within twice the target, as they are of an estimate that reaches it.
+
+        Its own coefficient of variation would be 0 where all runs have failed.
+        """
+        failures, size = sum(int(part.failed.sum()) for part in self._nominal), sum(map(len, self._nominal))
+        lower, upper = IntervalLaw(failures=failures, runs=size).bounds(0.95)
+        share = failures / size
+        width = max(upper - share, share - lower)
+        return failures >= _MINIMUM_FAILURES and width <= 2.0 * self._targetCoefficientOfVariation * share
 
     def _finishFromNominalRuns(self, reason):
         """The runs drawn as by Monte Carlo are what is left where nothing else is."""
@@ -651,7 +662,7 @@ class ActiveSubspaceReliability:
                 "unseen bound": 3.0 / size,
                 "not finite": float(self._limitState.nonFiniteNumber),
             },
-            failures >= _MINIMUM_FAILURES and 0.0 < variance <= (self._targetCoefficientOfVariation * share) ** 2,
+            self._nominalRunsSuffice(),
             f"{reason}; the estimate is from {size} runs drawn as by Monte Carlo",
             "MonteCarlo",
             FailureSample.ofMonteCarlo(runs.x, runs.failed),

@@ -240,7 +240,7 @@ class ResultsDirectory:
             if inside and _file_digest(path) == old != digests.get(name):
                 path.unlink()
         for pattern in self._patterns:
-            for path in self.path.glob(pattern):
+            for path in filter(Path.is_file, self.path.glob(pattern)):
                 path.unlink()
         for folder in {pattern.rpartition("/")[0] for pattern in self._patterns} - {""}:
             # What somebody else has put there stays, and its folder with it.

@@ -45,7 +45,10 @@ from satsep_ot.studies.verdicts import TOO_RARE, Verdict, best_row, contradictio
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 # What a study writes, beside the case and its tables.
-_WRITTEN = ("results.json", "motion.json", "report.html", "figures/*", "runs/*", "steps/*")
+_WRITTEN = (
+    "results.json", "motion.json", "report.html", "figures/*.svg", "runs/*.npz", "runs/sample.npy*", "steps/*.json",
+    "steps/*.npz", "steps/sample.checkpoint*",
+)  # fmt: skip
 # Runs of the sample that densities are drawn from, and as many runs of the surrogates.
 _DRAWN = 200_000
 # The outputs of so many runs of the sample are kept in a file: about 100 bytes a run.
