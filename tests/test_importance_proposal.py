@@ -43,6 +43,15 @@ def test_a_mixture_against_that_of_openturns():
     np.testing.assert_allclose(np.cov(sample.T), np.array(reference.getCovariance()), atol=0.05)
 
 
+def test_points_in_more_directions_than_their_clusters_can_tell_keep_the_clusters():
+    """Each of a dozen clusters would need twice as many points as directions for a covariance of its own."""
+    points = generator().normal(size=(1200, 100))
+    points[:, 0] += 4.0
+    mixture = fitGaussianMixture(points, generator())
+    assert np.isfinite(mixture.logDensity(points)).all()
+    assert mixture.sample(2000, generator())[:, 0].mean() == pytest.approx(4.0, abs=0.2)
+
+
 def test_a_mixture_of_modes_is_standard_across_its_subspace():
     basis = np.linalg.qr(generator().normal(size=(3, 2)))[0]
     modes = ModeMixture(np.array([1.0]), [basis], [example()])

@@ -249,6 +249,12 @@ def test_a_part_of_the_components_has_the_others_at_their_typical_values():
     assert found.dimension() == 3
 
 
+def test_components_that_do_not_fail_however_wide_they_spread_have_no_groups():
+    u = points(300, 5)
+    found = surrogate(u, *u[:, :4].T, margin=lambda values: np.full(len(values), 1.0))
+    assert found.groups(np.random.default_rng(0)) == []
+
+
 def test_the_native_function_of_a_component_that_is_constant():
     u = points(100, 3)
     found = surrogate(u, u[:, 0] + 2.0, np.full(100, 7.0))

@@ -1107,6 +1107,24 @@ def systemOf(*limits, size=300, **attributes):
     )
 
 
+@pytest.mark.parametrize("formula", ["sqrt(y)", "numpy"])
+def test_a_composition_that_is_not_defined_where_a_surrogate_reaches_is_named(formula):
+    component = ot.SymbolicFunction(["a", "b"], ["exp(2 * a) + 0.1 * b^2"])
+    reduced = (
+        ot.SymbolicFunction(["y"], [formula])
+        if formula != "numpy"
+        else ot.PythonFunction(
+            1, 1, func_sample=lambda y: np.where(np.array(y) < 0.0, np.nan, np.abs(np.array(y)) ** 0.5)
+        )
+    )
+    vector = ot.CompositeRandomVector(ot.ComposedFunction(reduced, component), ot.RandomVector(ot.Normal(2)))
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 8.0))
+    algorithm.setComponents(component, reduced)
+    with pytest.raises(RuntimeError, match="must be defined for all their values, also where surrogates reach: "):
+        algorithm.run()
+    assert algorithm.getRuns()[0].getSize() > 0
+
+
 def test_each_mode_of_a_system_has_runs_in_proportion_to_its_probability():
     limits = np.array([2.5, 3.0, 3.5, 4.5])
     algorithm = systemOf(*limits)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.limit_state_event import Limit, callFunction, checkedKind, eventKind
+from satsep_ot.methods.limit_state_event import Limit, callFunction, checkedKind, eventKind, raiseInterrupt
 from satsep_ot.methods.reliability_methods import (
     METHODS,
     CountedProblem,
@@ -19,7 +19,6 @@ from satsep_ot.methods.reliability_methods import (
     Row,
     countingFunction,
     makeMethod,
-    raiseInterrupt,
 )
 
 __all__ = [

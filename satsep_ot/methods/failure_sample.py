@@ -312,8 +312,16 @@ def _marginalNormals(distribution, x):
 
 
 def computeImportance(sample: FailureSample, distribution: ot.Distribution, level: float) -> list[InputImportance]:
-    """Importance of each input, see `InputImportance`; in the order of the inputs."""
+    """Importance of each input, see `InputImportance`; in the order of the inputs.
+
+    Raises
+    ------
+    RuntimeError
+        The corrections of the surrogate leave no positive estimate.
+    """
     probability = float(sample.weights.sum())
+    if not probability > 0.0:
+        raise RuntimeError(f"there is no importance: the estimate, {probability:.3g}, is not positive")
     z = _marginalNormals(distribution, sample.x)
     found = []
     for index in range(z.shape[1]):

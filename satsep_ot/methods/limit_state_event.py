@@ -153,6 +153,12 @@ def callFunction(function: ot.Function, points: np.ndarray) -> np.ndarray:
     return np.array(function(sample), dtype=float)
 
 
+def raiseInterrupt(error: BaseException) -> None:
+    """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
+    if "KeyboardInterrupt" in str(error):
+        raise KeyboardInterrupt from error
+
+
 class LimitStateEvent:
     """What an algorithm needs to know of an event.
 
@@ -242,8 +248,23 @@ class LimitStateEvent:
         self._surrogateMargin = lambda values: limit.margin(callFunction(reduced, values))
 
     def surrogateMargin(self, values: np.ndarray) -> np.ndarray:
-        """Limit state (n,), at most 0 in failure, of the modelled outputs (n, p)."""
-        return self._surrogateMargin(values)
+        """Limit state (n,), at most 0 in failure, of the modelled outputs (n, p).
+
+        Raises
+        ------
+        RuntimeError
+            The composition is not defined everywhere: surrogates reach values that no run has.
+        """
+        rule = "the composition of the components must be defined for all their values, also where surrogates reach"
+        try:
+            margin = self._surrogateMargin(values)
+        except Exception as error:
+            raiseInterrupt(error)
+            raise RuntimeError(f"{rule}: {error}") from error
+        undefined = np.isnan(margin)
+        if undefined.any():
+            raise RuntimeError(f"{rule}: it is not a number at {ot.Point(values[undefined.argmax()])}")
+        return margin
 
     def dropUnusedOutputs(self, outputs: np.ndarray) -> None:
         """Do not model outputs whose change by six standard deviations leaves these runs' limit state as it is."""

@@ -195,12 +195,14 @@ class LimitStateSurrogate:
         """Components that fail together, such as the two parts of a norm; a series system has one group a mode.
 
         Where a point far out is safe again as soon as any one of several components takes its typical value, these
-        belong together.
+        belong together. None where components spread so wide do not fail.
         """
         _, values, _ = self._training
         typical, spread = np.median(values, axis=0), values.std(axis=0)
         points = typical + _PROBE_SPREAD * spread * generator.standard_normal((_PROBES, len(spread)))
         points = points[self.margin(points) <= 0.0]
+        if len(points) == 0:
+            return []
         needed = np.zeros((len(points), len(spread)), dtype=bool)
         for j, value in enumerate(typical):
             replaced = points.copy()

@@ -11,7 +11,13 @@ from scipy.special import ndtr
 
 from satsep_ot.methods.failure_sample import FailureSample
 from satsep_ot.methods.importance_proposal import ModeMixture, Pool, fitImportantRegion
-from satsep_ot.methods.limit_state_event import NON_FINITE_POLICIES, LimitStateEvent, Runs, checkedKind
+from satsep_ot.methods.limit_state_event import (
+    NON_FINITE_POLICIES,
+    LimitStateEvent,
+    Runs,
+    checkedKind,
+    raiseInterrupt,
+)
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
 from satsep_ot.methods.reliability_result import (
     ActiveSubspaceReliabilityResult,
@@ -161,11 +167,16 @@ class ActiveSubspaceReliability:
         function : :py:class:`openturns.Function`
             Inputs to p outputs; one true run is one evaluation of it.
         composition : :py:class:`openturns.Function`
-            The p outputs to the variable that the event compares with its threshold.
+            The p outputs to the variable that the event compares with its threshold. Defined for all their values, also
+            those that no run has: surrogates extrapolate. Clip what a root or a logarithm is taken of.
         smoothIndices : sequence of int, optional
             Outputs that get a surrogate. By default all.
         surrogateComposition : :py:class:`openturns.Function`, optional
             Composition of the smooth outputs alone. By default ``composition``.
+
+        Notes
+        -----
+        `run` raises a RuntimeError where a composition is not defined; `getRuns` still has the true runs.
         """
         self._components = (function, composition, smoothIndices, surrogateComposition)
 
@@ -407,6 +418,7 @@ class ActiveSubspaceReliability:
         except ValueError:
             raise
         except Exception as error:
+            raiseInterrupt(error)
             kept = sum(map(len, self._runs))
             before = f"getRuns() still has the {kept} runs before it" if kept else "no run before it is there to keep"
             raise RuntimeError(

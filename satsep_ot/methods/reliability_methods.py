@@ -14,7 +14,7 @@ import openturns as ot
 import openturns.experimental as otexp
 from numpy.typing import ArrayLike
 
-from satsep_ot.methods.limit_state_event import Limit, callFunction
+from satsep_ot.methods.limit_state_event import Limit, callFunction, raiseInterrupt
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
 from satsep_ot.methods.standard_space import StandardSpace
@@ -182,12 +182,6 @@ class ReliabilityMethod(abc.ABC):
     def __repr__(self) -> str:
         settings = ", ".join(f"{key}={value!r}" for key, value in vars(self).items())
         return f"{type(self).__name__}({settings})"
-
-
-def raiseInterrupt(error: BaseException) -> None:
-    """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
-    if "KeyboardInterrupt" in str(error):
-        raise KeyboardInterrupt from error
 
 
 def _logNormalInterval(probability, variation):

@@ -517,7 +517,7 @@ class ActiveSubspaceReliabilityResult:
         Raises
         ------
         RuntimeError
-            No failure was seen, or the estimate is by subset simulation.
+            No failure was seen, the estimate is by subset simulation, or it is not positive.
         """
         return fs.computeImportance(self._getFailureSample(level), self._distribution, level)
 
