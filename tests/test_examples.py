@@ -253,7 +253,7 @@ def test_what_is_said_of_ten_studies_is_what_they_gave(capsys):
     """In the README and in docs/validation.md, from the intervals that are stored."""
     path = ROOT / "tests" / "benchmarks" / "study_overlap"
     study_overlap = runpy.run_path(str(path.with_suffix(".py")))
-    study_overlap["print_truth"](study_overlap["stored_intervals"](path.with_suffix(".txt")))
+    study_overlap["print_truth"](study_overlap["stored_estimates"](path.with_suffix(".txt")))
     printed = capsys.readouterr().out
     readme, validation = (ROOT / page for page in ("README.md", "docs/validation.md"))
     counts = re.findall(r"^(\w+): (\d+) of 50 .* probability (\S+)\n((?:  .*\n)*)", printed, re.MULTILINE)

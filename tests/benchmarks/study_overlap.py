@@ -3,11 +3,13 @@
     python tests/benchmarks/study_overlap.py [SEEDS]
     python tests/benchmarks/study_overlap.py tests/benchmarks/study_overlap.txt
 
-Prints a line for each seed and requirement, then in how many studies every pair of intervals overlapped, and how many
-intervals hold the probability that is known (satsep_ot.studies.method_benchmark.reference_probability). With a file in
-place of a number, no study is made: the intervals are read from what was printed before.
+Prints a line for each seed and requirement, then in how many studies every pair of intervals overlapped, how many
+intervals hold the probability that is known (satsep_ot.studies.method_benchmark.reference_probability), and how far the
+estimates are off in units of the error that they claim. With a file in place of a number, no study is made: the numbers
+are read from what was printed before.
 """
 
+import math
 import re
 import sys
 from importlib import metadata
@@ -20,35 +22,49 @@ from satsep_ot.studies.method_benchmark import reference_probability
 from satsep_ot.studies.separation_study import SeparationStudy
 
 METHODS = ("ActiveSubspace", "MonteCarlo")
-INTERVAL = r"\S+ \[(\S+), (\S+)\]"
+INTERVAL = r"(\S+) \[(\S+), (\S+)\]"
 
 
-def print_truth(intervals):
-    """Count and name the intervals: {(seed, requirement): (lower and upper of ActiveSubspace, of MonteCarlo)}."""
-    for requirement in dict.fromkeys(requirement for _, requirement in intervals):
+def print_truth(estimates):
+    """Judge {(seed, requirement): (estimate, lower, upper) of ActiveSubspace, the same of MonteCarlo}."""
+    for requirement in dict.fromkeys(requirement for _, requirement in estimates):
         truth, deviation = reference_probability(requirement)
         print(f"truth of {requirement:16s} {truth:.5e} +- {deviation:.1e} ({100 * deviation / truth:.2f} %)")
     for place, method in enumerate(METHODS):
-        misses = []
-        for (seed, requirement), pair in intervals.items():
+        misses, scores = [], []
+        for (seed, requirement), rows in estimates.items():
             truth, deviation = reference_probability(requirement)
-            beyond = max(pair[place][0] - truth, truth - pair[place][1])
+            estimate, lower, upper = rows[place]
+            # A 95 % interval is 3.92 standard errors wide; of a probability, on the logarithmic scale.
+            scores.append(math.log(estimate / truth) / (math.log(upper / lower) / 3.92))
+            beyond = max(lower - truth, truth - upper)
             if beyond > 0.0:
-                side = "below" if truth < pair[place][0] else "above"
-                misses.append(f"  seed {seed}, {requirement}: it lies {side}, by {beyond / deviation:.2g} deviations")
-        inside = len(intervals) - len(misses)
-        chance = stats.binom.cdf(inside, len(intervals), 0.95)
+                side = "below" if truth < lower else "above"
+                misses.append(
+                    f"  seed {seed}, {requirement}: it lies {side}, by {beyond / deviation:.2g} deviations; the "
+                    f"estimate is {100 * (estimate / truth - 1):+.1f} % off, {abs(scores[-1]):.2f} claimed errors"
+                )
+        inside = len(estimates) - len(misses)
+        chance = stats.binom.cdf(inside, len(estimates), 0.95)
         print(
-            f"{method}: {inside} of {len(intervals)} intervals hold the truth; as few of independent ones that each do "
+            f"{method}: {inside} of {len(estimates)} intervals hold the truth; as few of independent ones that each do "
             f"so in 95 %: probability {chance:.2f}"
         )
         print("".join(f"{line}\n" for line in misses), end="")
+        sizes = sorted(map(abs, scores), reverse=True)
+        print(
+            f"  in units of the claimed errors, all {len(scores)}: largest {', '.join(f'{z:.2f}' for z in sizes[:3])}; "
+            f"mean square {sum(z * z for z in scores) / len(scores):.2f}"
+        )
 
 
-def stored_intervals(path):
+def stored_estimates(path):
     """What `print_truth` takes, from what a former run printed."""
     found = re.findall(rf"^ *(\d+) (\S.*?) +{INTERVAL} +\d+ +{INTERVAL}", Path(path).read_text(), re.MULTILINE)
-    return {(int(seed), name): ((float(a), float(b)), (float(c), float(d))) for seed, name, a, b, c, d in found}
+    return {
+        (int(seed), name): (tuple(map(float, numbers[:3])), tuple(map(float, numbers[3:])))
+        for seed, name, *numbers in found
+    }
 
 
 def main(seeds=10):
@@ -56,7 +72,7 @@ def main(seeds=10):
     print(f"reference case, seeds 0 to {seeds - 1}, 500,000 Monte Carlo runs each; {versions}")
     print(f"{'seed':4s} {'requirement':16s} {'ActiveSubspace':>40s} {'runs':>5s} {'Monte Carlo':>40s}  overlap")
     good = largest = 0
-    intervals = {}
+    estimates = {}
     for seed in range(seeds):
         study = SeparationStudy(SeparationProblem("reference"), list(METHODS), seed)
         study.computeSample()
@@ -64,7 +80,9 @@ def main(seeds=10):
         rows = study.getRows()
         overlaps = []
         for ours, crude in zip(rows[::2], rows[1::2], strict=True):
-            intervals[seed, ours["requirement"]] = tuple((row["lower95"], row["upper95"]) for row in (ours, crude))
+            estimates[seed, ours["requirement"]] = tuple(
+                (row["probability"], row["lower95"], row["upper95"]) for row in (ours, crude)
+            )
             overlaps.append(ours["lower95"] <= crude["upper95"] and crude["lower95"] <= ours["upper95"])
             largest = max(largest, ours["evaluations"] + ours["gradients"])
             numbers = [
@@ -77,11 +95,11 @@ def main(seeds=10):
             )
         good += all(overlaps)
     print(f"studies in which every pair overlaps: {good} of {seeds}; most runs of one requirement: {largest}")
-    print_truth(intervals)
+    print_truth(estimates)
 
 
 if __name__ == "__main__":
     if sys.argv[1:] and not sys.argv[1].isdigit():
-        print_truth(stored_intervals(sys.argv[1]))
+        print_truth(stored_estimates(sys.argv[1]))
     else:
         main(*map(int, sys.argv[1:2]))
