@@ -555,7 +555,7 @@ def _executor(options):
 
 
 def _print_study(name, study, verdicts, paths):
-    from satsep_ot.studies.verdicts import TOO_RARE, best_row, headline, is_resolved
+    from satsep_ot.studies.verdicts import NO_ESTIMATE, TOO_RARE, best_row, headline, is_resolved
 
     console = _console()
     console.print(f"[bold]{_plain(headline(verdicts))}[/bold]")
@@ -572,12 +572,14 @@ def _print_study(name, study, verdicts, paths):
     for requirement, halved in study.getTolerances().items():
         now = best_row(row for row in study.getRows() if row["requirement"] == requirement)
         for row in halved:
-            found = f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
-            console.print(
-                f"{_plain(requirement)} with half the scatter of {_plain(row['tolerance'])}: "
-                + (found if is_resolved(now, row) else TOO_RARE)
-                + ("" if row["converged"] else f", not converged: {_plain(row['note'])}")
-            )
+            if row["probability"] is None:
+                found = f"{NO_ESTIMATE}: {row['note']}"
+            else:
+                found = f"{row['probability']:.2e} ({row['lower95']:.2e}..{row['upper95']:.2e})"
+                found = (found if is_resolved(now, row) else TOO_RARE) + (
+                    "" if row["converged"] else f", not converged: {row['note']}"
+                )
+            console.print(_plain(f"{requirement} with half the scatter of {row['tolerance']}: {found}"))
     # Not through the console, which would fold a long path.
     print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")
 
@@ -686,8 +688,8 @@ def _study_remarks(rows):
     for row in rows:
         if row["method"] == rows[0]["method"]:
             yield f"[bold]{_plain(row['requirement'])}[/bold]"
-        text = row["note"] if row["converged"] else f"[bold]not converged[/bold]: {_plain(row['note'])}"
-        yield f"  {row['method']}: {text}"
+        text = "" if row["converged"] else "[bold]not converged[/bold]: "
+        yield f"  {row['method']}: {text}{_plain(row['note'])}"
 
 
 @contextmanager
@@ -863,7 +865,7 @@ def _inputs(inputs):
         digits = interval_digits(low, high, 6)
         table.add_row(
             _plain(row.name),
-            row.unit,
+            "" if row.unit == "1" else row.unit,
             f"{low:.{digits}g}",
             f"{high:.{digits}g}",
             _plain(str(row.distribution)),

@@ -589,6 +589,27 @@ def test_check_tells_correlations_struts_and_mounting_errors(tmp_path, capsys):
         assert words in out
 
 
+def test_a_study_without_requirements_is_refused_before_it_begins(tmp_path, capsys):
+    path = tmp_path / "mine.toml"
+    path.write_text(load_case("reference").text.split("[[requirements]]")[0], encoding="utf-8")
+    assert cli.main(["study", str(path), "--output", str(tmp_path / "results")]) == 2
+    assert capsys.readouterr().err == (
+        "satsep-ot: reference: the case has no requirements; give at least one [[requirements]]\n"
+    )
+    assert not (tmp_path / "results").exists()
+
+
+def test_the_command_knows_the_methods_of_a_study():
+    from satsep_ot.studies.separation_study import STUDY_METHODS
+
+    assert cli.METHODS == STUDY_METHODS
+
+
+def test_remarks_are_printed_as_they_are(capsys):
+    row = {"requirement": "spin", "method": "FORM", "converged": True, "note": "SQP: at [red]"}
+    assert list(cli._study_remarks([row]))[1] == r"  FORM: SQP: at \[red]"
+
+
 def test_what_halving_a_tolerance_buys_is_printed(capsys):
     row = {
         "tolerance": "mass",
@@ -607,9 +628,17 @@ def test_what_halving_a_tolerance_buys_is_printed(capsys):
             return []
 
         def getTolerances(self):
-            return {"spin": [row, {**row, "tolerance": "stroke", "converged": True}]}
+            none = dict.fromkeys(("probability", "lower95", "upper95"))
+            return {
+                "spin": [
+                    row,
+                    {**row, "tolerance": "stroke", "converged": True},
+                    {**row, **none, "tolerance": "cant", "note": "RuntimeError: [x]"},
+                ]
+            }
 
     cli._print_study("mine", Study(), [], [Path("out", "report.html")])
     out = " ".join(capsys.readouterr().out.split())
     assert "spin with half the scatter of mass: 2.00e-04 (1.00e-04..4.00e-04), not converged: few" in out
     assert "spin with half the scatter of stroke: 2.00e-04 (1.00e-04..4.00e-04) " in out + " "
+    assert "spin with half the scatter of cant: the estimate failed: RuntimeError: [x] " in out + " "

@@ -60,6 +60,27 @@ def test_scatter_in_words():
     assert drivers.describe_scatter(replace(row, distribution=gumbel)) == f"{gumbel} kg"
 
 
+def test_scatter_of_several_inputs_in_words():
+    rows = drivers.tolerances(load_case("reference"))["stiffness"]
+    changed = [replace(row, distribution=ot.Distribution(ot.Normal(1.0, 11.0 * k))) for k, row in enumerate(rows, 1)]
+    assert drivers.describe_scatters(changed) == "sigma 11 to 44 N/m"
+    assert drivers.describe_scatters([changed[0], changed[1], changed[0]]) == "sigma 11 N/m; sigma 22 N/m"
+    flat = replace(rows[0], distribution=ot.Distribution(ot.Uniform(1.0, 2.5)))
+    assert drivers.describe_scatters([*changed[:2], flat]) == "sigma 11 N/m; sigma 22 N/m; 1 to 2.5 N/m, uniform"
+    assert drivers.describe_scatter(replace(changed[0], unit="1")) == "sigma 11"
+
+
+def test_what_several_inputs_are_in_words():
+    row = load_case("reference").inputs[0]
+    for words, text in (
+        (["spin"], "spin"),
+        (["stiffness of spring 1", "stiffness of spring 3"], "stiffness of spring 1, 3"),
+        (["mass of all", "mass of all"], "mass of all"),
+        (["one thing", "another"], "one thing; another"),
+    ):
+        assert drivers.describe_inputs([replace(row, description=word) for word in words]) == text
+
+
 def test_a_tolerance_that_is_none_is_named():
     with pytest.raises(ValueError, match=r"'colour' is no tolerance of this case; it has .*satellite_mass"):
         drivers.scaled_case(load_case("reference"), "colour", 0.5)

@@ -259,6 +259,48 @@ def test_runs_that_end_without_an_answer_are_no_advice(directory, tmp_path):
     assert "0.0567" not in text
 
 
+def test_nothing_is_advised_where_no_violation_is_known(directory, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(directory, copy)
+    changed = json.loads((copy / "results.json").read_text(encoding="utf-8"))
+    for row in changed["rows"]:
+        if row["requirement"] == "rolling </script>" and row["upper95"] is not None:
+            row.update(probability=0.0, lower95=0.0, upper95=1e-3)
+    (copy / "results.json").write_text(json.dumps(changed), encoding="utf-8")
+    assert "rolling </script>: tighten rate y" in visible_text(render_report(directory))
+    text = visible_text(render_report(copy))
+    assert "rolling </script>: tighten" not in text
+    assert ", is ." not in text
+
+
+def test_a_pure_number_has_no_unit(directory, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(directory, copy)
+    changed = json.loads((copy / "results.json").read_text(encoding="utf-8"))
+    for violation in changed["violations"].values():
+        violation["inputs"] = [{**row, "value": 1.0185, "unit": "1"} for row in violation["inputs"]]
+    (copy / "results.json").write_text(json.dumps(changed), encoding="utf-8")
+    assert '<td class="number">1.018</td>' in render_report(copy)
+
+
+def test_what_is_not_validated_is_what_the_documentation_names(page):
+    documented = Path(__file__).parents[1] / "docs" / "validation.md"
+    listed = documented.read_text(encoding="utf-8").split("## Where it is not validated")[1].split("\n\n")[2]
+    said = visible_text(page).split("Not modelled, or not validated:")[1].lower()
+    assert listed.count("\n* ") == 3
+    for words in (
+        "flexible bodies",
+        "sloshing",
+        "contact other than at the springs' seats",
+        "walls hold nothing",
+        "friction that sticks",
+        "springs whose own mass matters",
+        "runs of many minutes under gravity",
+    ):
+        assert words in listed.lower()
+        assert words in said
+
+
 def test_report_command_writes_the_same_page_again(directory, page, tmp_path, capsys):
     copy = tmp_path / "copy"
     shutil.copytree(directory, copy)

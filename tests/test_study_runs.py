@@ -6,6 +6,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
+from satsep_ot.cli import _print_study
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -219,6 +220,58 @@ def test_a_study_is_saved_where_it_was_told(tmp_path):
     first, second = study.saveRows(tmp_path / "first"), study.saveRows(tmp_path / "second")
     assert first.parent != second.parent
     assert first.read_bytes() == second.read_bytes()
+    study.close()
+
+
+def test_a_halved_tolerance_that_fails_leaves_the_rest_as_it_is(tmp_path, monkeypatch, capsys):
+    def fail(*arguments):
+        raise RuntimeError("mass = -1\nTraceback (most recent call last):\n  File\nValueError: mass = -1")
+
+    def small():
+        return SeparationStudy(problem(), ["ActiveSubspace", "MonteCarlo"], 3, 1000, 30, toleranceSize=1)
+
+    monkeypatch.setattr("satsep_ot.studies.drivers.changed_probability", fail)
+    study = small()
+    study.setDirectory(tmp_path / "results")
+    study.run()
+    paths = study.save()
+    study.close()
+    (failed,) = study.getTolerances()["rolling"]
+    numbers = dict.fromkeys(("probability", "lower95", "upper95", "evaluations"))
+    ended = {"converged": False, "note": "RuntimeError: mass = -1"}
+    assert failed == {"tolerance": "rate_y", "scale": 0.5, **numbers, **ended}
+    page = paths[-1].read_text(encoding="utf-8")
+    assert "half of rate y: <strong>not converged</strong>: RuntimeError: mass = -1" in page
+    assert "the estimate failed" in page
+    assert "<strong>rolling</strong>: tighten" not in page
+    _print_study("small", study, study.getVerdicts(), paths)
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "rolling with half the scatter of rate_y: the estimate failed: RuntimeError: mass = -1" in printed
+    # It counts as finished.
+    monkeypatch.undo()
+    again = small()
+    again.setDirectory(tmp_path / "results", resume=True)
+    again.run()
+    again.close()
+    assert again.getTolerances() == study.getTolerances()
+
+
+def test_an_interrupt_of_a_halved_tolerance_is_one(monkeypatch):
+    def interrupt(*arguments):
+        raise RuntimeError("InternalException : KeyboardInterrupt")
+
+    monkeypatch.setattr("satsep_ot.studies.drivers.changed_probability", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        SeparationStudy(problem(), ["ActiveSubspace"])._halve("rolling", "rate_y")
+
+
+def test_a_study_can_be_told_the_same_directory_again(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    study = SeparationStudy(problem(), ["FORM"], 3, 100, 30, toleranceSize=0)
+    study.setDirectory(tmp_path / "results")
+    study.setDirectory(tmp_path / "results", resume=True)
+    study.run()
+    assert study.save("results")[-1].samefile("results/report.html")
     study.close()
 
 

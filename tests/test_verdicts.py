@@ -87,6 +87,25 @@ def test_the_interval_of_monte_carlo_holds_the_truth_as_often_as_the_report_says
     assert round(coverage[one_sided].min(), 3) == 0.938
 
 
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        ([], "Only ActiveSubspace or MonteCarlo can decide, and none of them was run: nothing can be said. Run "
+             "ActiveSubspace or MonteCarlo."),
+        (
+            [FORM, row("ActiveSubspace", 0.0, 3.53e-3, converged=False)],
+            "ActiveSubspace did not converge (0 to 3.53e-3): nothing can be said. Run MonteCarlo.",
+        ),
+        (
+            [row("ActiveSubspace", None, None, converged=False)],
+            "ActiveSubspace gave no probability: nothing can be said. Run MonteCarlo.",
+        ),
+    ],
+)  # fmt: skip
+def test_why_nothing_can_be_said(rows, sentence):
+    assert judge("spin", rows, 1e-3) == ("spin", "no estimate", sentence, None)
+
+
 def test_headlines_of_none_one_and_all():
     assert headline([]) == "The case has no requirements."
     met = Verdict("spin", "met", "", None)

@@ -8,6 +8,7 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
+from satsep_ot.methods.limit_state_event import raiseInterrupt
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import SYSTEM, Case
@@ -38,13 +39,75 @@ def describe_scatter(row: UncertainInput) -> str:
     """
     distribution = row.distribution
     kind = distribution.getImplementation().getClassName()
+    unit = with_space(row.unit)
     if kind == "Normal":
-        return f"sigma {distribution.getStandardDeviation()[0]:.3g} {row.unit}"
+        return f"sigma {distribution.getStandardDeviation()[0]:.3g}{unit}"
     if kind == "Uniform":
         low, high = distribution.getParameter()
         digits = interval_digits(low, high)
-        return f"{low:.{digits}g} to {high:.{digits}g} {row.unit}, uniform"
-    return f"{distribution} {row.unit}"
+        return f"{low:.{digits}g} to {high:.{digits}g}{unit}, uniform"
+    return f"{distribution}{unit}"
+
+
+def with_space(unit: str) -> str:
+    """A unit as it stands behind a number: nothing for a pure number.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.drivers import with_space
+    >>> "0.03" + with_space("1"), "5" + with_space("kg")
+    ('0.03', '5 kg')
+    """
+    return "" if unit == "1" else f" {unit}"
+
+
+def describe_scatters(rows: Sequence[UncertainInput]) -> str:
+    """The scatter of all inputs of a tolerance, each different one once.
+
+    Parameters
+    ----------
+    rows : sequence of :class:`satsep_ot.model.inputs.UncertainInput`
+
+    Returns
+    -------
+    text : str
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.studies.drivers import describe_scatters, tolerances
+    >>> describe_scatters(tolerances(load_case("reference"))["stiffness"])
+    'sigma 55 N/m'
+    """
+    texts = dict.fromkeys(map(describe_scatter, rows))
+    if len(texts) > 2 and all(text.startswith("sigma ") for text in texts):
+        deviations = [row.distribution.getStandardDeviation()[0] for row in rows]
+        return f"sigma {min(deviations):.3g} to {max(deviations):.3g}{with_space(rows[0].unit)}"
+    return "; ".join(texts)
+
+
+def describe_inputs(rows: Sequence[UncertainInput]) -> str:
+    """What the inputs of a tolerance are, in words.
+
+    Parameters
+    ----------
+    rows : sequence of :class:`satsep_ot.model.inputs.UncertainInput`
+
+    Returns
+    -------
+    text : str
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.studies.drivers import describe_inputs, tolerances
+    >>> describe_inputs(tolerances(load_case("reference"))["stiffness"])
+    'stiffness of spring 1, 2, 3, 4'
+    """
+    words = list(dict.fromkeys(row.description for row in rows))
+    starts, _, ends = zip(*(text.rpartition(" ") for text in words), strict=True)
+    # Such as: stiffness of spring 1.
+    return f"{starts[0]} {', '.join(ends)}".strip() if len(set(starts)) == 1 else "; ".join(words)
 
 
 def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
@@ -176,8 +239,7 @@ def tightened_probabilities(
         try:
             answer = result.computeProbability(scaled_distribution(case, name, scale))
         except (RuntimeError, ValueError) as error:
-            if "KeyboardInterrupt" in str(error):
-                raise KeyboardInterrupt from error
+            raiseInterrupt(error)
             continue
         if not answer.warning and result.getProbabilityEstimate() > 0.0:
             ratios[name] = max(answer.probability, 0.0) / result.getProbabilityEstimate()
@@ -316,8 +378,7 @@ def most_likely_violation(
             search.run()
         except RuntimeError as error:
             # The search does not converge everywhere: the nearest true violation then stands.
-            if "KeyboardInterrupt" in str(error):
-                raise KeyboardInterrupt from error
+            raiseInterrupt(error)
             continue
         found.append(violation(np.array(search.getResult().getStandardSpaceDesignPoint())))
         if found[-1] is not None:

@@ -12,9 +12,11 @@ import markupsafe
 
 from satsep_ot.methods.result_storage import writeWhole
 from satsep_ot.model.case import SYSTEM
+from satsep_ot.studies.drivers import with_space
 from satsep_ot.studies.verdicts import (
     MET,
     NO_ALLOWANCE,
+    NO_ESTIMATE,
     NOT_MET,
     TOO_RARE,
     UNDECIDED,
@@ -132,6 +134,7 @@ def _render(results, motion, case_text, directory):
     )
     environment.filters["probability"] = digits
     environment.filters["keep"] = _keep_numbers
+    environment.filters["behind"] = with_space
     environment.filters["words"] = lambda name: name.replace("_", " ")
     template = (resources.files("satsep_ot.studies") / "report.html").read_text(encoding="utf-8")
     figures = {section: [] for section in _SECTIONS}
@@ -142,6 +145,7 @@ def _render(results, motion, case_text, directory):
     for row in results["rows"]:
         by_requirement.setdefault(row["requirement"], []).append(row)
     best = {name: best_row(rows) for name, rows in by_requirement.items()}
+    advice = _advice(results, best)
     return environment.from_string(template).render(
         **results,
         results=results,
@@ -152,7 +156,13 @@ def _render(results, motion, case_text, directory):
         symbols=_SYMBOLS,
         headline=headline([Verdict(**verdict, row=None) for verdict in results["verdicts"]]),
         in_words=in_words,
-        advice=_advice(results, best),
+        advice=advice,
+        # Nothing is to be tightened where no violation is known, or half of the tolerance could not be estimated.
+        advised={
+            name: rows[0]
+            for name, rows in advice.items()
+            if best.get(name) and best[name]["probability"] and rows[0]["half"] and rows[0]["factor"] != NO_ESTIMATE
+        },
         coverage=_coverage(),
         extremes={name: _extremes(violation) for name, violation in results["violations"].items()},
         chosen=max(
@@ -194,7 +204,9 @@ def _advice(results, best):
                 "scatter": results["tolerances"][name]["scatter"],
                 "ratio": ratios.get(name),
                 "half": halved.get(name),
-                "resolved": name in halved and is_resolved(now, halved[name]),
+                "resolved": name in halved
+                and halved[name]["probability"] is not None
+                and is_resolved(now, halved[name]),
                 "factor": _gain(now, halved.get(name)),
             }
             for name in names
@@ -204,6 +216,8 @@ def _advice(results, best):
 
 def _gain(now, then):
     """In words, how much less probable a violation has become."""
+    if then is not None and then["probability"] is None:
+        return NO_ESTIMATE
     if now is None or then is None or not now["probability"]:
         return ""
     if not is_resolved(now, then):

@@ -11,6 +11,7 @@ import json
 import math
 import os
 import platform
+import re
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -26,6 +27,7 @@ from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.methods.active_dimension import energy_dimension
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
+from satsep_ot.methods.limit_state_event import raiseInterrupt
 from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.methods.reliability_methods import ActiveSubspace
@@ -41,7 +43,16 @@ from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.report import write_report
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
-from satsep_ot.studies.verdicts import TOO_RARE, Verdict, best_row, contradiction, is_resolved, judge, with_bound
+from satsep_ot.studies.verdicts import (
+    NO_ESTIMATE,
+    TOO_RARE,
+    Verdict,
+    best_row,
+    contradiction,
+    is_resolved,
+    judge,
+    with_bound,
+)
 
 STUDY_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 # What a study writes, beside the case and its tables.
@@ -53,8 +64,8 @@ _WRITTEN = (
 _DRAWN = 200_000
 # The outputs of so many runs of the sample are kept in a file: about 100 bytes a run.
 _LARGEST_SAMPLE_FILE = 10_000_000
-# An interrupt is seen between two chunks: they take a fraction of a second.
-_CHUNK = 4096
+# What OpenTURNS adds to the message of an error in a Python function: a traceback for each function in between.
+_TRACEBACK = re.compile(r"\s*Traceback \(most recent call last\):\n(?:[ \t].*\n)+.*\n?\s*")
 
 # What FORM and SORM cannot see, by the quantity of a requirement.
 _BLIND_SPOTS = {
@@ -101,7 +112,8 @@ class SeparationStudy:
     Raises
     ------
     ValueError
-        If a method is unknown, a size is not positive, or the target is out of its range.
+        If a method is unknown, a size is not positive, or the target is out of its range; a CaseError if the case has
+        no requirements.
 
     Examples
     --------
@@ -136,6 +148,9 @@ class SeparationStudy:
             raise ValueError(
                 f"targetCoefficientOfVariation = {targetCoefficientOfVariation}; a number from 0.01 to 0.5 is allowed"
             )
+        if not problem.getRequirements():
+            # Raises the sentence that says so.
+            problem.getComponents()
         self._problem = problem
         self._methods = [name for name in STUDY_METHODS if name in methods]
         self._seed = int(seed)
@@ -204,6 +219,8 @@ class SeparationStudy:
             "methods": self._methods,
             "versions": package_versions(),
         }
+        # Our own lock, too, would keep us out.
+        self.close()
         self._directory = ResultsDirectory(
             directory, "study", identity, _WRITTEN, {"case.toml": case.text, **case.files}, resume, overwrite,
             {"case": case.name, "command": command},
@@ -286,7 +303,6 @@ class SeparationStudy:
         stream = MonteCarloStream(model, distribution, self._sampleSize)
         stream.setEvents(events)
         stream.setBlockSize(BLOCK)
-        stream.setChunkSize(_CHUNK)
         stream.setExecutor(self._executor)
         if self._sampleSize <= _LARGEST_SAMPLE_FILE:
             stream.setOutputFile(path)
@@ -414,6 +430,7 @@ class SeparationStudy:
             comparison.setRunsCallback(lambda inputs, outputs: parts.append((inputs, outputs)))
         comparison.run()
         row, names = comparison.getResult().getRows()[0], [requirement, name]
+        row.note = without_tracebacks(row.note)
         if name == "MonteCarlo":
             row.seconds = self._summary["seconds"]
         elif name == "ActiveSubspace" and row.probability is not None:
@@ -455,7 +472,18 @@ class SeparationStudy:
         """The row of a requirement with half the scatter of one tolerance."""
         self._start(requirement, "half", name)
         case = drivers.scaled_case(self._problem.getCase(), name, 0.5)
-        result = drivers.changed_probability(case, requirement)
+        try:
+            result = drivers.changed_probability(case, requirement)
+        except Exception as error:
+            # As with a method that fails: the study's other numbers stand without this one.
+            raiseInterrupt(error)
+            return {
+                "tolerance": name,
+                "scale": 0.5,
+                **dict.fromkeys(("probability", "lower95", "upper95", "evaluations")),
+                "converged": False,
+                "note": without_tracebacks(f"{type(error).__name__}: {error}"),
+            }
         function = self._problem.getComponents(requirement)[0]
         self._keepRuns([requirement, "half", name], lambda: result.getTrueRuns(function.getOutputDescription()))
         interval = result.getConfidenceInterval(0.95)
@@ -565,7 +593,10 @@ class SeparationStudy:
         return {} if result is None else drivers.importance_shares(self._problem.getCase(), result)
 
     def getTolerances(self) -> dict[str, list[dict]]:
-        """What halving a tolerance buys: for each requirement, a dictionary for each tolerance tried."""
+        """What halving a tolerance buys: for each requirement, a dictionary for each tolerance tried.
+
+        Where no estimate could be made its numbers are None, and its note says why.
+        """
         return {requirement: list(rows) for requirement, rows in self._tolerances.items()}
 
     def getTightenedRatios(self) -> dict[str, dict[str, float]]:
@@ -616,9 +647,9 @@ class SeparationStudy:
             },
             "tolerances": {
                 name: {
-                    "scatter": drivers.describe_scatter(rows[0]),
+                    "scatter": drivers.describe_scatters(rows),
                     "inputs": [row.name for row in rows],
-                    "description": rows[0].description,
+                    "description": drivers.describe_inputs(rows),
                 }
                 for name, rows in drivers.tolerances(case).items()
             },
@@ -685,7 +716,7 @@ class SeparationStudy:
         line = {ForceLine.GUIDED: "guided", ForceLine.STRUT: "struts", ForceLine.NORMAL: "feet"}[separation.force_line]
         return [
             "Both bodies are rigid; after the command they touch nothing but the springs and connectors of the case.",
-            f"The springs are {line}: each pushes {push}, without mass or friction of its own unless the case says so, "
+            f"The springs are {line}: each pushes {push}, without mass, without friction unless the case says so, "
             "and lets go once and for all at the end of its stroke.",
             gravity,
             f"The {len(case.inputs)} uncertain inputs have the distributions of the case file "
@@ -759,8 +790,9 @@ class SeparationStudy:
     def _takeDirectory(self, directory):
         if self._directory is None and directory is None:
             raise ValueError("there is no directory to write to; give one, or call setDirectory() before run()")
-        if directory is not None and (self._directory is None or self._directory.path != Path(directory)):
-            self.close()
+        if directory is not None and (
+            self._directory is None or self._directory.path.resolve() != Path(directory).resolve()
+        ):
             self.setDirectory(directory)
 
     def _writeResults(self, results):
@@ -797,7 +829,9 @@ class SeparationStudy:
                 rows = [{**best, "method": "as it is"}]
                 for row in halved:
                     row = {**row, "method": f"half of\n{row['tolerance'].replace('_', ' ')}"}
-                    if not is_resolved(best, row):
+                    if row["probability"] is None:
+                        row |= {"evaluations": 0, "message": NO_ESTIMATE}
+                    elif not is_resolved(best, row):
                         # No bar: it would show how few the runs are.
                         row |= {"probability": None, "lower95": None, "upper95": None, "message": TOO_RARE}
                     rows.append(row)
@@ -875,6 +909,20 @@ class SeparationStudy:
                     :, 0
                 ]
         return law
+
+
+def without_tracebacks(text: str) -> str:
+    """The message of an error, or several of them, without the tracebacks that OpenTURNS puts behind it.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.separation_study import without_tracebacks
+    >>> text = "SQP: mass = -1\\nTraceback (most recent call last):\\n  File 'a.py'\\nValueError: mass\\n"
+    >>> without_tracebacks(text + "\\n; Cobyla: no limit")
+    'SQP: mass = -1; Cobyla: no limit'
+    """
+    plain = " ".join(_TRACEBACK.sub("\n", text).split()).replace(" ; ", "; ")
+    return re.sub(r"\b(InternalException|InvalidArgumentException) : ", "", plain)
 
 
 def _unweighted(phase, event, parts):

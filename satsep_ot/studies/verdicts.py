@@ -4,7 +4,10 @@ from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 MET, NOT_MET, UNDECIDED, NO_ALLOWANCE, UNKNOWN = "met", "not met", "undecided", "no allowed probability", "no estimate"
+# The methods whose intervals are relied on, the first one before the other.
+_DECIDING = ("ActiveSubspace", "MonteCarlo")
 TOO_RARE = "too rare to resolve with these runs"
+NO_ESTIMATE = "the estimate failed"
 
 
 class Verdict(NamedTuple):
@@ -127,10 +130,24 @@ def _missed(row, rows, allowed):
     return f"{text}." if crude["upper95"] <= allowed else f"{text} only; more of them would show that none was missed."
 
 
+def _why_unknown(rows):
+    """What kept a requirement from an interval that can be relied on."""
+    found = {row["method"]: row for row in rows if row["method"] in _DECIDING}
+    texts = [
+        f"{method} gave no probability"
+        if row["upper95"] is None
+        else f"{method} did not converge ({digits(row['lower95'])} to {digits(row['upper95'])})"
+        for method, row in found.items()
+    ]
+    why = " and ".join(texts) or f"Only {' or '.join(_DECIDING)} can decide, and none of them was run"
+    advice = " or ".join(method for method in _DECIDING if method not in found)
+    return f"{why}: nothing can be said." + (f" Run {advice}." if advice else "")
+
+
 def _rows_with_interval(rows):
     """The rows that may be judged by, the best one first."""
     found = {row["method"]: row for row in rows if row["upper95"] is not None and row["converged"]}
-    return [found[method] for method in ("ActiveSubspace", "MonteCarlo") if method in found]
+    return [found[method] for method in _DECIDING if method in found]
 
 
 def is_resolved(now: dict | None, then: dict) -> bool:
@@ -141,7 +158,7 @@ def is_resolved(now: dict | None, then: dict) -> bool:
     now : dict or None
         The row that the requirement is judged by.
     then : dict
-        A row of the changed case.
+        A row of the changed case, with a probability.
 
     Returns
     -------
@@ -254,10 +271,7 @@ def judge(requirement: str, rows: Sequence[dict], allowed: float | None = None) 
     """
     row = best_row(rows)
     if row is None:
-        return Verdict(
-            requirement, UNKNOWN, "No method gave a probability with an interval: nothing can be said. FORM and SORM "
-            "have none; run ActiveSubspace or MonteCarlo.", None,
-        )  # fmt: skip
+        return Verdict(requirement, UNKNOWN, _why_unknown(rows), None)
     lower, upper = row["lower95"], row["upper95"]
     known = f"{in_words(row['probability'])}; with 95 % confidence between {digits(lower)} and {digits(upper)}"
     known = known[0].upper() + known[1:]
