@@ -194,7 +194,7 @@ class PolynomialDistribution:
     def computePDF(self, threshold: float) -> float | np.ndarray:
         """Density at the threshold.
 
-        It is the sum over the roots of their density along the line / |p'(root)|, averaged over the lines. Where
+        It is the sum over the roots of their density along the line / ``|p'(root)|``, averaged over the lines. Where
         that converges badly, since lines touch the boundary, it is a centred difference of the probability over
         0.02 standard deviations instead. It is infinite where a root is double for one variable, as at the edge of
         the range of a square.
