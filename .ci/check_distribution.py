@@ -21,7 +21,7 @@ PACKAGE = {
 }
 BESIDE_THE_PACKAGE = r"METADATA|WHEEL|RECORD|entry_points\.txt|top_level\.txt|licenses/(LICENSE|COPYING)"
 SOURCES = (
-    r"(docs|examples|tests)/.+\.(py|md|rst|txt|png|json|c|csv|toml)|CHANGELOG\.md|CITATION\.cff|COPYING|LICENSE|"
+    r"(docs|examples|tests)/.+\.(py|md|rst|css|txt|png|json|c|csv|toml)|CHANGELOG\.md|CITATION\.cff|COPYING|LICENSE|"
     r"MANIFEST\.in|PKG-INFO|README\.md|pyproject\.toml|setup\.cfg|satsep_ot\.egg-info/[\w-]+(\.txt)?"
 )
 NEEDED = {

@@ -20,8 +20,9 @@ exclude_patterns = ["_build", "images", "auto_examples/*.ipynb", "auto_examples/
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 autosummary_generate = True
-numpydoc_show_class_members = True
-numpydoc_class_members_toctree = False
+# The templates in _templates show the members, with all that their docstrings say.
+numpydoc_show_class_members = False
+templates_path = ["_templates"]
 # OpenTURNS' and numpy's pages would be asked for over the network: names of their classes stay text.
 nitpicky = False
 
@@ -39,11 +40,11 @@ sphinx_gallery_conf = {
 html_theme = "alabaster"
 html_theme_options = {
     "description": "Reliability of small satellite separation with OpenTURNS",
-    "page_width": "1280px",
-    "body_max_width": "1000px",
+    # A window that is narrower has the navigation above each page.
+    "page_width": "1040px",
     "font_family": "system-ui, 'Liberation Sans', Arial, sans-serif",
-    "sidebar_width": "240px",
+    "sidebar_width": "220px",
     "fixed_sidebar": True,
     "show_powered_by": False,
 }
-html_static_path = []
+html_static_path = ["_static"]
