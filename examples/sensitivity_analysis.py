@@ -51,4 +51,8 @@ graph = ot.SobolIndicesAlgorithm.DrawSobolIndices(
     [sobol.getFirstOrderIndices()[index] for index in strongest],
     [total[index] for index in strongest],
 )
+# The names belong below their marks; OpenTURNS' last drawable has them beside.
+graph.erase(graph.getDrawables().getSize() - 1)
 view = otv.View(graph)
+labels = [names[index] for index in strongest]
+view.getAxes()[0].set_xticks(range(1, len(labels) + 1), labels, fontsize=7)

@@ -64,6 +64,7 @@ ideal.setLineStyle("dashed")
 graph.add(measured)
 graph.add(ideal)
 view = otv.View(graph)
+view.getFigure().subplots_adjust(left=0.18)
 
 # %%
 # It is an OpenTURNS function: an event can be made of it, and the algorithms of this package and of OpenTURNS hand over
