@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from separation_cases import (
     BOX,
     SQUARE,
@@ -272,6 +273,67 @@ def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
     # A spring with a table has no stiffness of its own.
     with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; 0 is allowed, since another law"):
         symmetric_separation(springs=Springs(SQUARE, 0.3, [0.0, 5500.0, 0.0, 0.0], 0.0, 0.03, tables=[table] * 4))
+
+
+def tumbling(count):
+    """A small cube that a single spring pushes at a corner: its points turn back on their way out of a deep recess."""
+    half, height = 0.05, 0.1135
+    separation = Separation(
+        Body(5.96, [0.063, 0.01, 0.063], [-0.00086, -0.17025, -0.00008]),
+        Body(2.01, [0.00377, 0.00325, 0.00393], [0.0056, 0.05675, 0.0035]),
+        Springs([np.pi / 4.0], 0.065, 880.0, 0.0047, 0.00407),
+        envelope=[[a * half, y, b * half] for a in (-1, 1) for b in (-1, 1) for y in (0.0, height)],
+        recess_radius=0.085,
+        horizon=20.0,
+        recess_depth=0.25,
+    )
+    generator = np.random.default_rng(0)
+    rows, names = np.repeat(separation.parameters()[None], count, axis=0), separation.parameter_names()
+    rows *= 1.0 + 0.02 * generator.standard_normal(rows.shape)
+    for axis in "xyz":
+        rows[:, names.index(f"rates.{axis}")] = np.radians(2.0) * generator.standard_normal(count)
+        rows[:, names.index(f"satellite.center_of_mass.{axis}")] += 0.003 * generator.standard_normal(count)
+    return separation, rows
+
+
+def test_points_that_turn_back_on_their_way_out_leave_where_they_first_do():
+    """Against states on a fine grid of times, and their positions without the code of the package."""
+    separation, rows = tumbling(20)
+    outcome = simulate(separation, rows)
+    points, times, names = separation.envelope, np.arange(0.0, 8.0, 2e-4), separation.parameter_names()
+    inside = np.flatnonzero((points[:, 1] >= 0.0) & (points[:, 1] < separation.recess_depth))
+    turning = 0
+    for row, parameters in enumerate(rows):
+        named = dict(zip(names, parameters, strict=True))
+        mass_centres = [
+            [named[f"{body}.center_of_mass.{axis}"] for axis in "xyz"] for body in ("platform", "satellite")
+        ]
+        states = trajectory(separation, times, parameters).states
+        turns = Rotation.from_quat(states[:, [13, 14, 15, 12]]).as_matrix()
+        arms = points[inside] - mass_centres[1]
+        place = states[:, None, :3] + np.einsum("tij,pj->tpi", turns, arms) + mass_centres[0]
+        out = place[:, :, 1] >= named["recess.depth"]
+        room = named["recess.radius"] - np.hypot(place[:, :, 0], place[:, :, 2])
+        first = out.argmax(axis=0)
+        assert out.any(axis=0).all()
+        for point, last in enumerate(first):
+            turning += (np.diff(place[: last + 1, point, 1]) < 0.0).any() or not out[last:, point].all()
+            # Between two instants of the grid.
+            low, high = sorted(room[last - 1 : last + 1, point])
+            assert low - 1e-6 < 1e-3 * outcome.quantity(f"exit_clearance_{point + 1}")[row] < high + 1e-6
+        smallest = min(room[: last + 1, point].min() for point, last in enumerate(first))
+        assert 1e-3 * outcome.quantity("clearance")[row] == pytest.approx(smallest, abs=2e-4)
+    assert turning > 20
+
+
+def test_clearances_of_tumbling_bodies_are_as_exact_as_asked_for():
+    separation, rows = tumbling(2000)
+    exact = simulate(separation, rows, tolerance=1e-12)
+    assert np.mean(exact.status == Status.OK) > 0.99
+    for tolerance in (1e-6, 1e-8, 1e-10):
+        outcome = simulate(separation, rows, tolerance=tolerance)
+        np.testing.assert_array_equal(outcome.status, exact.status)
+        np.testing.assert_allclose(outcome.base[:, 21:], exact.base[:, 21:], rtol=0.0, atol=100.0 * tolerance)
 
 
 def test_an_error_in_a_thread_ends_the_batch(monkeypatch):
