@@ -349,6 +349,7 @@ def _check(options):
     console.print()
     if umbilical_springs(separation):
         console.print(_umbilicals(separation))
+        console.print()
     for line in _conditions(separation):
         console.print(line)
     console.print(_inputs(case.inputs))
@@ -675,12 +676,18 @@ def _study_table(name, rows):
         table.add_row(
             row["method"],
             "none" if probability is None else f"{probability:.3e}",
-            "none" if lower is None else f"{lower:.2e}..{row['upper95']:.2e}",
+            "none" if lower is None else f"{_in_eight(lower)}..{_in_eight(row['upper95'])}",
             f"{row['evaluations']:,}",
             f"{row['gradients']:,}",
             f"{row['seconds']:.1f}",
         )
     return table
+
+
+def _in_eight(probability):
+    """Three digits, or two where the exponent has three: no line of a table is longer for it."""
+    text = f"{probability:.2e}"
+    return text if len(text) <= 8 else f"{probability:.1e}"
 
 
 def _study_remarks(rows):
@@ -744,7 +751,11 @@ def _table(title, *columns):
     # On a narrow terminal texts fold, and neither a name nor a number is cut.
     for name in columns:
         right = name.startswith(">")
-        table.add_column(_plain(name.removeprefix(">")), justify="right" if right else "left", overflow="fold")
+        # The unit stands in a line of its own; a column of numbers is as wide as its longest word.
+        title = name.removeprefix(">").replace(" [", "\n[")
+        table.add_column(
+            _plain(title), justify="right" if right else "left", overflow="fold", no_wrap=right and "\n" in title
+        )
     table.columns[0].no_wrap = True
     return table
 
@@ -781,11 +792,13 @@ def _springs(separation):
         force = "failed" if springs.scale[i] == 0.0 else ForceLaw(springs.laws[i]).name.lower()
         if springs.tables[i] is not None:
             force += f" of {len(springs.tables[i])} rows, {springs.tables[i][0, 1]:g} to {springs.tables[i][-1, 1]:g} N"
+        linear = springs.laws[i] == ForceLaw.LINEAR
         row = (
-            degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i], 1e3 * springs.deformation[i],
-            1e3 * springs.stroke[i], degrees(springs.cant[i]), 1e3 * springs.delay[i], springs.scale[i],
+            degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i] if linear else None,
+            1e3 * springs.deformation[i] if linear else None, 1e3 * springs.stroke[i], degrees(springs.cant[i]),
+            1e3 * springs.delay[i], springs.scale[i],
         )  # fmt: skip
-        table.add_row(str(i + 1), *(f"{value:g}" for value in row), force)
+        table.add_row(str(i + 1), *("–" if value is None else f"{value:g}" for value in row), force)
     return _narrow(table)
 
 
@@ -805,7 +818,7 @@ def _umbilicals(separation):
             1e3 * springs.stroke[i], springs.scale[i + 1], 1e3 * springs.stroke[i + 1],
         )  # fmt: skip
         table.add_row(str(number), *(f"{value:g}" for value in row))
-    return table
+    return _narrow(table)
 
 
 def _conditions(separation):

@@ -59,8 +59,8 @@ def test_check_prints_the_case_as_understood(capsys):
     assert cli.main(["check", "reference"]) == 0
     out = capsys.readouterr().out
     for words in (
-        "mass [kg]", "1500, 600, 1500, 0, 0, 0", "0, -1600, 0", "Springs (guided)", "315", "Spring energy 16.5 J",
-        "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km",
+        "inertia xx, yy, zz, xy, xz, yz", "1500, 600, 1500, 0, 0, 0", "0, -1600, 0", "Springs (guided)", "315",
+        "Spring energy 16.5 J", "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km",
         "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in a recess",
         "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
         "0.597912", "lateral_rate <= 2.5 deg/s", "axial_velocity >= 0.59 m/s", "18.2..25", "1014 of 1024",
@@ -322,6 +322,34 @@ def test_check_cuts_nothing_at_80_columns(capsys, monkeypatch):
     assert ["satellite_mass", "kg", "98.4549", "101.545"] in [words[:4] for words in rows]
 
 
+def test_no_header_breaks_within_a_word_at_80_columns(tmp_path, capsys, monkeypatch):
+    from rich.console import Console
+
+    monkeypatch.setattr(cli, "_console", lambda: Console(width=80, highlight=False))
+    path = tmp_path / "mine.toml"
+    text = load_case("reference").text.replace("stroke = 30.0", "stroke = 30.0\ntable = [[0, 220], [30, 55]]", 1)
+    connector = (
+        "[umbilical]\nangle = 20.0\nradius = 250.0\nstiffness = 2500.0\ndeformation = 10.0\nstroke = 8.0\n"
+        "friction = 25.0\nengagement = 6.0\n"
+    )
+    inputs = re.sub(r"^(stiffness|deformation) = \{.*\n", "", text, flags=re.MULTILINE)
+    inputs = re.sub(r"^(stiffness|deformation) = \d.*\n", "", inputs, flags=re.MULTILINE)
+    path.write_text(inputs.replace("[inputs]", connector + "[inputs]", 1), encoding="utf-8")
+    assert cli.main(["check", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith("Springs"))
+    assert lines[start + 1].split() == [
+        "angle", "radius", "stiffness", "deformation", "stroke", "cant", "delay",
+    ]  # fmt: skip
+    # A force from a table has neither stiffness nor deformation.
+    assert lines[start + 4].split()[:5] == ["1", "45", "300", "–", "–"]
+    start = next(k for k, line in enumerate(lines) if line.startswith("Umbilical"))
+    assert lines[start + 1].split() == [
+        "angle", "radius", "stiffness", "deformation", "stroke", "pin", "friction", "engagement",
+    ]  # fmt: skip
+    assert max(map(len, lines)) <= 80
+
+
 def test_study_table_fits_a_terminal_of_80_columns():
     from rich.console import Console
 
@@ -344,6 +372,12 @@ def test_study_table_fits_a_terminal_of_80_columns():
         "seconds",
     ):
         assert words in text
+    rare = {**row, "probability": 2.5e-104, "lower95": 2.25e-104, "upper95": 2.71e-103}
+    with console.capture() as capture:
+        console.print(cli._study_table("reference", [rare]))
+    text = capture.get()
+    assert "…" not in text
+    assert "2.500e-104  2.2e-104..2.7e-103" in text
 
 
 def test_study_refuses_a_directory_that_cannot_be_made(tmp_path, capsys):
@@ -478,7 +512,7 @@ def test_check_and_simulate_tell_every_effect(tmp_path, capsys):
     assert cli.main(["check", path]) == 0
     out = capsys.readouterr().out
     for words in (
-        "Springs (normal)", "failed", "table of 3 rows, 2 to 1 N", "Umbilical connectors", "pin friction [N]",
+        "Springs (normal)", "failed", "table of 3 rows, 2 to 1 N", "Umbilical connectors", "pin friction",
         "Friction coefficient of the guides 0.2", "Impulse at the start 0, 0.25, 0 N s",
         "Re-contact: looked for from 0.1 to 1 orbits", "in a recess of depth 60 mm",
         "Plane wall 1: normal 0, 0, -1, offset -125 mm",

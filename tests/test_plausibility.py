@@ -115,6 +115,97 @@ def test_small_numbers_that_are_meant(old, new):
     assert not any("written in" in sentence for sentence in said), said
 
 
+ALTITUDE = 'altitude = 500.0\n\n\n\npush = "along-track"'
+WIDE = "half_width = 350.0\nheight = 800.0"
+SMALL = "recess_radius = 520.0\nrecess_depth = 250.0"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        (
+            "[0.0, 400.0, 0.0]", "[0.0, -400.0, 0.0]",
+            "centres of mass: the satellite's is at y = -400 mm and the platform's at -1600 mm; the push is along y, "
+            "so that the satellite is pushed into the platform (a wrong sign, or the bodies swapped?)",
+        ),
+        ("[0.0, -1600.0, 0.0]", "[0.0, 1600.0, 0.0]", "centres of mass: the satellite's is at y = 400 mm and the plat"),
+        (
+            "mass = 100.0", "mass = 12100.0",
+            "satellite: its mass of 12100 kg is 10.1 times the platform's, 1200 kg (masses or bodies swapped?)",
+        ),
+        ("altitude = 500.0", "altitude = 500e3", "orbit: an altitude of 500000 km; separations have 0 to 100000 km"),
+        (
+            ALTITUDE, "position = [6878137.0, 0, 0]\nvelocity = [0, 7612.0, 0]",
+            "orbit: a velocity of 7612 km/s; separations have 0.1 to 20 km/s (km/s?)",
+        ),
+        (
+            "radius = 300.0", "radius = 560.0",
+            "springs: a radius of 560 mm is outside of the recess, whose radius is 520 mm",
+        ),
+        (
+            WIDE, "half_width = 100.0\nheight = 800.0",
+            "springs: a radius of 300 mm is outside of the satellite, whose envelope is within 141 mm of the axis",
+        ),
+        (
+            "half_width = 350.0", "half_width = 400.0",
+            "walls: the nominal run leaves through one, by 45.7 mm; walls do not hold the satellite, its rates are "
+            "those of a free body",
+        ),
+    ],
+)  # fmt: skip
+def test_an_arrangement_that_is_hardly_meant_is_said(old, new, sentence):
+    assert old in BARE
+    said = implausibilities(parse_case(BARE.replace(old, new, 1)))
+    assert any(one.startswith(sentence) for one in said), said
+    assert implausibilities(parse_case(BARE)) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        # A satellite that is held around its middle, and one that is heavier than an empty stage.
+        ("[0.0, 400.0, 0.0]", "[0.0, -50.0, 0.0]"),
+        ("mass = 100.0", "mass = 2400.0"),
+        # A platform around a deep recess.
+        (f"[0.0, -1600.0, 0.0]|{SMALL}", "[0.0, 700.0, 0.0]|recess_radius = 520.0\nrecess_depth = 800.0"),
+        # A nozzle within a ring of springs around its own recess.
+        (
+            f"{WIDE}\n{SMALL}",
+            "points = [[80, -100, 0], [80, 0, 0], [0, 0, 80]]\nrecess_radius = 200.0\nrecess_depth = 10.0",
+        ),
+        # An orbit of the Moon, and the way to it.
+        (ALTITUDE, "gravitational_parameter = 4902.8\nposition = [1837.4, 0, 0]\nvelocity = [0, 1.633, 0]"),
+        (ALTITUDE, "position = [6578.0, 0, 0]\nvelocity = [0, 11.1, 0]"),
+    ],
+)
+def test_an_arrangement_that_is_meant(old, new):
+    text = BARE
+    for was, now in zip(old.split("|"), new.split("|"), strict=True):
+        assert was in text
+        text = text.replace(was, now, 1)
+    assert implausibilities(parse_case(text)) == []
+
+
+def test_walls_are_left_to_their_requirement():
+    text = BARE.replace("half_width = 350.0", "half_width = 400.0", 1)
+    requirement = '[[requirements]]\nquantity = "clearance"\nminimum = 0.0\n'
+    said = implausibilities(parse_case(text + requirement))
+    assert [one.split(":")[0] for one in said] == ["requirement clearance"]
+
+
+@pytest.mark.parametrize(("sigma", "warned"), [(0.3, False), (0.01, False), (0.005, True)])
+def test_a_cant_in_rad_is_named(sigma, warned):
+    text = REFERENCE.replace('"springs.cant.each", sigma = 0.3', f'"springs.cant.each", sigma = {sigma}', 1)
+    said = implausibilities(parse_case(text))
+    assert len(said) == 4 * warned
+    assert all("closer than anyone measures (deg; written in rad?)" in one for one in said)
+
+
+def test_all_runs_are_100_percent():
+    (sentence,) = implausibilities(parse_case(REFERENCE.replace("# horizon = 10.0 ", "horizon = 0.1 ", 1)))
+    assert sentence.startswith("runs: 100 % of the combinations of the inputs fail")
+
+
 def test_share_of_impossible_tensors_is_that_of_the_law():
     # Ixx = Izz = 1, Iyy uniform on 1.5 to 2.5: half of it is above the sum of the other two.
     text = (

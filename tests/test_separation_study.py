@@ -9,7 +9,7 @@ import pytest
 
 from satsep_ot.model.case import CaseError, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy, without_tracebacks
+from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy, error_in_short
 
 # Runs of the Monte Carlo sample: 20,000 give half a percent of the violation probabilities of spin and system.
 SIZE = 20_000
@@ -120,8 +120,8 @@ def test_an_error_inside_of_functions_is_told_without_their_tracebacks():
         outer([0.0])
     assert str(error.value).count("Traceback") > 1
     sentence = "mass = -1 kg: a positive number is allowed"
-    assert without_tracebacks(str(error.value)) == sentence
-    assert without_tracebacks(f"SQP: {error.value}; Cobyla: {error.value}") == f"SQP: {sentence}; Cobyla: {sentence}"
+    assert error_in_short(str(error.value)) == sentence
+    assert error_in_short(f"SQP: {error.value}; Cobyla: {error.value}") == f"SQP: {sentence}; Cobyla: {sentence}"
 
 
 def test_a_case_without_requirements_is_refused_before_anything_is_begun():

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import openturns as ot
 
+from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
 from satsep_ot.dynamics.invariants import spring_work
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Separation, Status
@@ -35,6 +36,13 @@ _NEAREST_CENTER, _NEAREST_CENTER_SHARE = 5e-3, 0.02  # m
 # Nobody knows a length or a delay as well as this, half of the range of 99.8 % of its values; least a centre of mass.
 _SMALLEST_SCATTER = {"mm": (0.005, "m"), "ms": (0.005, "s")}  # unit of the case file: size, the unit that it may be in
 _SMALLEST_CENTER_SCATTER = 0.05  # mm
+_SMALLEST_CANT_SCATTER = 0.02  # deg, 0.03 mm in the length of a spring
+_HELD_AROUND = 0.7  # radii of gyration
+# A heavy satellite on a kick stage or an adapter weighs up to 7 times as much.
+_LARGEST_MASS_RATIO = 10.0
+_WIDEST_RING = 1.5  # times the widest point of the envelope
+_HIGHEST = 1e5  # km, a quarter of the way to the Moon
+_SLOWEST_FLIGHT, _FASTEST_FLIGHT = 0.1, 20.0  # km/s
 
 
 class RequirementScatter(NamedTuple):
@@ -112,9 +120,12 @@ def implausibilities(case: Case) -> list[str]:
         *_of_the_push(case.separation),
         *_of_the_sizes(case.separation),
         *_of_the_bodies(case.separation),
+        *_of_the_arrangement(case.separation),
+        *_of_the_orbit(case.separation),
         *_of_the_inputs(case),
         *_of_runs(case),
         *_of_the_requirements(case),
+        *_of_the_walls(case),
     ]
 
 
@@ -242,6 +253,72 @@ def _of_the_bodies(separation):
             yield f"{name}: its centre of mass is {1e3 * offset:.3g} mm off the axis, outside of the spring ring (mm?)"
 
 
+def _of_the_arrangement(separation):
+    """Bodies on the wrong side of the springs, exchanged bodies, and springs away from what they push."""
+    platform, satellite = separation.platform, separation.satellite
+    # Of a body that stands on its ring the centre of mass is above it by 1.2 (cube) to 1.7 (rod) times the radius of
+    # gyration; one that is held around its middle has it in the plane of the ring.
+    height, depth = satellite.center_of_mass[1], platform.center_of_mass[1]
+    below = height < -_HELD_AROUND * _gyration(satellite)
+    above = depth > max(_HELD_AROUND * _gyration(platform), separation.recess_depth)
+    if below or above:
+        yield (
+            f"centres of mass: the satellite's is at y = {1e3 * height:g} mm and the platform's at {1e3 * depth:g} mm; "
+            "the push is along y, so that the satellite is pushed into the platform (a wrong sign, or the bodies "
+            "swapped?)"
+        )
+    if satellite.mass > _LARGEST_MASS_RATIO * platform.mass:
+        yield (
+            f"satellite: its mass of {satellite.mass:g} kg is {satellite.mass / platform.mass:.3g} times the "
+            f"platform's, {platform.mass:g} kg (masses or bodies swapped?)"
+        )
+    points = separation.envelope
+    # What protrudes below the plane of the springs may well be beside them.
+    if points is None or points[:, 1].min() < 0.0:
+        return
+    seat, wall = 1e3 * separation.springs.radius.max(), 1e3 * separation.recess_radius
+    width = 1e3 * np.hypot(points[:, 0], points[:, 2]).max()
+    if 0.0 < wall < seat:
+        yield f"springs: a radius of {seat:g} mm is outside of the recess, whose radius is {wall:g} mm"
+    if seat > _WIDEST_RING * width > 0.0:
+        yield (
+            f"springs: a radius of {seat:g} mm is outside of the satellite, whose envelope is within {width:.3g} mm of "
+            "the axis"
+        )
+
+
+def _gyration(body):
+    """The largest radius of gyration."""
+    return math.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
+
+
+def _of_the_orbit(separation):
+    orbit = separation.orbit
+    if orbit is None or not math.isclose(orbit.mu, EARTH_GRAVITATIONAL_PARAMETER, rel_tol=0.01):
+        return
+    altitude, speed = 1e-3 * (np.linalg.norm(orbit.position) - EARTH_RADIUS), 1e-3 * np.linalg.norm(orbit.velocity)
+    if not 0.0 <= altitude <= _HIGHEST:
+        yield f"orbit: an altitude of {altitude:.6g} km; separations have 0 to {_HIGHEST:g} km (km?)"
+    if not _SLOWEST_FLIGHT <= speed <= _FASTEST_FLIGHT:
+        yield (
+            f"orbit: a velocity of {speed:.6g} km/s; separations have {_SLOWEST_FLIGHT:g} to {_FASTEST_FLIGHT:g} km/s "
+            "(km/s?)"
+        )
+
+
+def _of_the_walls(case):
+    """A nominal run through a wall, which no requirement tells of."""
+    table = quantity_table(case.separation)
+    if "clearance" not in table or any(entry.quantity == "clearance" for entry in case.requirements):
+        return
+    clearance = float(simulate(case.separation).quantity("clearance")[0])
+    if clearance < 0.0:
+        yield (
+            f"walls: the nominal run leaves through one, by {-clearance:.3g} mm; walls do not hold the satellite, its "
+            "rates are those of a free body"
+        )
+
+
 def _of_the_inputs(case):
     for row in case.inputs:
         low, high = quantile_range(row.distribution)
@@ -259,6 +336,8 @@ def _of_the_inputs(case):
         smallest, other = _SMALLEST_SCATTER.get(row.unit, (0.0, ""))
         if ".center_of_mass." in row.parameters[0]:
             smallest = _SMALLEST_CENTER_SCATTER
+        if row.parameters[0].endswith(".cant"):
+            smallest, other = _SMALLEST_CANT_SCATTER, "rad"
         if half < smallest:
             yield (
                 f"{row.name}: 99.8 % of its values lie within {likely}, closer than anyone measures "
@@ -372,4 +451,4 @@ def _broken_tensors(case, parameters):
 
 
 def _share(flags):
-    return f"{100.0 * flags.mean():.2g} %"
+    return f"{float(f'{100.0 * flags.mean():.2g}'):g} %"

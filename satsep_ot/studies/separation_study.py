@@ -430,7 +430,7 @@ class SeparationStudy:
             comparison.setRunsCallback(lambda inputs, outputs: parts.append((inputs, outputs)))
         comparison.run()
         row, names = comparison.getResult().getRows()[0], [requirement, name]
-        row.note = without_tracebacks(row.note)
+        row.note = error_in_short(row.note)
         if name == "MonteCarlo":
             row.seconds = self._summary["seconds"]
         elif name == "ActiveSubspace" and row.probability is not None:
@@ -482,7 +482,7 @@ class SeparationStudy:
                 "scale": 0.5,
                 **dict.fromkeys(("probability", "lower95", "upper95", "evaluations")),
                 "converged": False,
-                "note": without_tracebacks(f"{type(error).__name__}: {error}"),
+                "note": error_in_short(f"{type(error).__name__}: {error}"),
             }
         function = self._problem.getComponents(requirement)[0]
         self._keepRuns([requirement, "half", name], lambda: result.getTrueRuns(function.getOutputDescription()))
@@ -911,18 +911,20 @@ class SeparationStudy:
         return law
 
 
-def without_tracebacks(text: str) -> str:
-    """The message of an error, or several of them, without the tracebacks that OpenTURNS puts behind it.
+def error_in_short(text: str) -> str:
+    """The message of an error, or several of them, without the tracebacks that OpenTURNS adds and all inputs of a run.
 
     Examples
     --------
-    >>> from satsep_ot.studies.separation_study import without_tracebacks
+    >>> from satsep_ot.studies.separation_study import error_in_short
     >>> text = "SQP: mass = -1\\nTraceback (most recent call last):\\n  File 'a.py'\\nValueError: mass\\n"
-    >>> without_tracebacks(text + "\\n; Cobyla: no limit")
+    >>> error_in_short(text + "\\n; Cobyla: no limit")
     'SQP: mass = -1; Cobyla: no limit'
+    >>> error_in_short("row 7 could not be simulated: it is too violent; its inputs are mass = 3 kg, rate = 9 deg/s")
+    'row 7 could not be simulated: it is too violent'
     """
     plain = " ".join(_TRACEBACK.sub("\n", text).split()).replace(" ; ", "; ")
-    return re.sub(r"\b(InternalException|InvalidArgumentException) : ", "", plain)
+    return re.sub(r"\b(InternalException|InvalidArgumentException) : |; its inputs are [^;]*", "", plain)
 
 
 def _unweighted(phase, event, parts):
