@@ -1,6 +1,8 @@
 """The true runs that a study keeps: made again they give the same, and the estimates follow from them."""
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import openturns as ot
@@ -263,6 +265,24 @@ def test_an_interrupt_of_a_halved_tolerance_is_one(monkeypatch):
     monkeypatch.setattr("satsep_ot.studies.drivers.changed_probability", interrupt)
     with pytest.raises(KeyboardInterrupt):
         SeparationStudy(problem(), ["ActiveSubspace"])._halve("rolling", "rate_y")
+
+
+def test_overwrite_leaves_what_others_have_put_into_the_folders_of_a_study(directory, tmp_path):
+    copy = tmp_path / "results"
+    shutil.copytree(directory, copy)
+    own = {path.relative_to(copy) for path in copy.rglob("*") if path.is_file()}
+    assert {str(path.parent) for path in own} == {".", "figures", "runs", "steps"}
+    names = ("notes.txt", "mine.png", "kept/one.svg", "kept/sample.npy", "kept/spin.json", "kept/spin.npz")
+    foreign = {Path(folder, name) for folder in ("figures", "runs", "steps") for name in names}
+    for name in foreign:
+        (copy / name).parent.mkdir(exist_ok=True)
+        (copy / name).write_text("mine", encoding="utf-8")
+    study = SeparationStudy(problem(), ["FORM"], 4, 100, 30, toleranceSize=0)
+    study.setDirectory(copy, overwrite=True)
+    left = {path.relative_to(copy) for path in copy.rglob("*") if path.is_file()}
+    assert left == foreign | {Path("origin.json"), Path("case.toml")}
+    assert {(copy / name).read_text(encoding="utf-8") for name in foreign} == {"mine"}
+    study.close()
 
 
 def test_a_study_can_be_told_the_same_directory_again(tmp_path, monkeypatch):
