@@ -74,7 +74,7 @@ def test_what_several_inputs_are_in_words():
     row = load_case("reference").inputs[0]
     for words, text in (
         (["spin"], "spin"),
-        (["stiffness of spring 1", "stiffness of spring 3"], "stiffness of spring 1, 3"),
+        (["stiffness of spring 1", "stiffness of spring 3"], "stiffness of springs 1, 3"),
         (["mass of all", "mass of all"], "mass of all"),
         (["one thing", "another"], "one thing; another"),
     ):

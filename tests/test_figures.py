@@ -227,6 +227,8 @@ def test_a_message_stands_in_place_of_a_probability():
     ax = figures.draw_probabilities([row("as it is", 1e-3, 5e-4, 2e-3), {**row("half", None), "message": "too rare"}])
     assert "too rare" in [text.get_text() for text in ax.texts]
     assert ax.get_xlim()[1] < 1e-2
+    failed = {**row("half", None), "message": "failed", "evaluations": None}
+    assert [text.get_text() for text in figures.draw_probabilities([failed]).texts] == ["", "failed"]
 
 
 @pytest.mark.parametrize(

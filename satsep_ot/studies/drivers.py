@@ -102,12 +102,14 @@ def describe_inputs(rows: Sequence[UncertainInput]) -> str:
     >>> from satsep_ot.model.case import load_case
     >>> from satsep_ot.studies.drivers import describe_inputs, tolerances
     >>> describe_inputs(tolerances(load_case("reference"))["stiffness"])
-    'stiffness of spring 1, 2, 3, 4'
+    'stiffness of springs 1, 2, 3, 4'
     """
     words = list(dict.fromkeys(row.description for row in rows))
     starts, _, ends = zip(*(text.rpartition(" ") for text in words), strict=True)
-    # Such as: stiffness of spring 1.
-    return f"{starts[0]} {', '.join(ends)}".strip() if len(set(starts)) == 1 else "; ".join(words)
+    if len(words) == 1 or len(set(starts)) > 1:
+        return "; ".join(words)
+    # They are such as: stiffness of spring 1.
+    return f"{starts[0]}s {', '.join(ends)}"
 
 
 def tolerances(case: Case) -> dict[str, list[UncertainInput]]:

@@ -459,7 +459,9 @@ def _short(probability, digits=2):
 
 
 def _runs(row):
-    """The cost of a row in words, a line each for evaluations and gradients."""
+    """The cost of a row in words, a line each for evaluations and gradients; nothing where it is not known."""
+    if row["evaluations"] is None:
+        return ""
     text = f"{row['evaluations']:,} runs"
     return f"{text}\n{row['gradients']:,} gradients" if row.get("gradients") else text
 
@@ -471,8 +473,8 @@ def draw_probabilities(rows: Sequence[dict], ax: Axes | None = None, title: str 
     ----------
     rows : sequence of dict
         With the keys "method", "probability" (None where there is none to draw), "lower95", "upper95" (None for FORM
-        and SORM, which have no interval), "evaluations", and perhaps "gradients", "converged" and "message", which
-        stands where there is no probability.
+        and SORM, which have no interval), "evaluations" (None where nobody knows them), and perhaps "gradients",
+        "converged" and "message", which stands where there is no probability.
     ax : :class:`matplotlib.axes.Axes`, optional
     title : str
 

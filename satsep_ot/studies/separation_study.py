@@ -830,7 +830,7 @@ class SeparationStudy:
                 for row in halved:
                     row = {**row, "method": f"half of\n{row['tolerance'].replace('_', ' ')}"}
                     if row["probability"] is None:
-                        row |= {"evaluations": 0, "message": NO_ESTIMATE}
+                        row["message"] = NO_ESTIMATE
                     elif not is_resolved(best, row):
                         # No bar: it would show how few the runs are.
                         row |= {"probability": None, "lower95": None, "upper95": None, "message": TOO_RARE}
