@@ -1,5 +1,6 @@
 """Figures: what they show, that one can read them, and that nothing global changes."""
 
+import io
 import itertools
 import subprocess
 import sys
@@ -195,6 +196,15 @@ def test_density_annotates_the_share_that_violates(is_maximum, share):
 def test_density_of_a_constant_is_refused():
     with pytest.raises(ValueError, match="two different finite values"):
         figures.draw_density([3.0, 3.0])
+
+
+def test_small_numbers_below_a_density_have_room():
+    ax = figures.draw_density(1e-4 * np.linspace(-1.0, 1.0, 50), unit="deg/s", label="rate_x")
+    figures.save_figure(ax.figure, io.BytesIO())
+    texts = [label.get_text() for label in ax.get_xticklabels()]
+    assert len(texts) > 3
+    assert max(map(len, texts)) <= 5
+    assert ax.xaxis.get_offset_text().get_text() == "1e−4"
 
 
 def test_probabilities_show_every_method_with_its_cost():

@@ -292,6 +292,17 @@ def test_a_study_can_be_told_the_same_directory_again(tmp_path, monkeypatch):
     study.setDirectory(tmp_path / "results", resume=True)
     study.run()
     assert study.save("results")[-1].samefile("results/report.html")
+    # Where another one is refused, this one is still its own.
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(DirectoryError, match="holds other files"):
+        study.save("foreign")
+    other = SeparationStudy(problem(), ["FORM"], 3, 100, 30, toleranceSize=0)
+    with pytest.raises(DirectoryError, match="another process is at work"):
+        other.setDirectory("results", resume=True)
+    study.save("elsewhere")
+    other.setDirectory("results", resume=True)
+    other.close()
     study.close()
 
 

@@ -219,12 +219,20 @@ class SeparationStudy:
             "methods": self._methods,
             "versions": package_versions(),
         }
-        # Our own lock, too, would keep us out.
-        self.close()
+        before = self._directory
+        if self._isHere(directory):
+            # Our own lock, too, would keep us out.
+            before.close()
         self._directory = ResultsDirectory(
             directory, "study", identity, _WRITTEN, {"case.toml": case.text, **case.files}, resume, overwrite,
             {"case": case.name, "command": command},
         )  # fmt: skip
+        if before is not None:
+            before.close()
+
+    def _isHere(self, directory):
+        """Whether a path is that of the study's directory."""
+        return self._directory is not None and self._directory.path.resolve() == Path(directory).resolve()
 
     def setExecutor(self, executor: Executor | None) -> None:
         """What runs the Monte Carlo sample, as for :class:`satsep_ot.methods.monte_carlo_stream.MonteCarloStream`.
@@ -790,9 +798,7 @@ class SeparationStudy:
     def _takeDirectory(self, directory):
         if self._directory is None and directory is None:
             raise ValueError("there is no directory to write to; give one, or call setDirectory() before run()")
-        if directory is not None and (
-            self._directory is None or self._directory.path.resolve() != Path(directory).resolve()
-        ):
+        if directory is not None and not self._isHere(directory):
             self.setDirectory(directory)
 
     def _writeResults(self, results):
