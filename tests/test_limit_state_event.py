@@ -1,5 +1,6 @@
 """What an algorithm takes for an event, and what it refuses before it has begun."""
 
+import numpy as np
 import openturns as ot
 import pytest
 
@@ -77,3 +78,51 @@ def test_sensitivities_carry_the_names_of_the_functions_inputs():
     drawables = [drawable.getImplementation() for drawable in result.drawImportance().getDrawables()]
     texts = [list(drawable.getTextAnnotations()) for drawable in drawables if drawable.getClassName() == "Text"]
     assert any(text.startswith("load: ") for row in texts for text in row)
+
+
+def test_events_within_events_and_wrapped_ones_are_taken():
+    vector = ot.RandomVector(ot.Normal(2))
+    parts = [
+        ot.ThresholdEvent(ot.CompositeRandomVector(ot.SymbolicFunction(["a", "b"], [name]), vector), ot.Greater(), 1.0)
+        for name in ("a", "b", "a + b")
+    ]
+    nested = ot.UnionEvent([ot.IntersectionEvent(parts[:2]), parts[2]])
+    for event in (nested, ot.RandomVector(nested)):
+        runs = LimitStateEvent(event).evaluate(np.array([[1.5, 1.5], [1.5, -1.0], [0.6, 0.6]]))
+        assert runs.failed.tolist() == [True, False, True]
+
+
+def test_a_comparison_without_a_side_is_refused():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
+    event = ot.ThresholdEvent(vector, ot.Equal(), 3.0)
+    with pytest.raises(ValueError, match="the comparison of the event is Equal; give one with a side"):
+        ActiveSubspaceReliability(event).run()
+    comparison = ReliabilityComparison(event, ["MonteCarlo"])
+    comparison.run()
+    assert "the comparison of the event is Equal" in comparison.getResult().getRows()[0].note
+
+
+def test_components_are_for_a_threshold_only():
+    vector = ot.CompositeRandomVector(ot.SymbolicFunction(["x", "y"], ["x", "y"]), ot.RandomVector(ot.Normal(2)))
+    both = ot.SymbolicFunction(["x", "y"], ["x", "y"])
+    event = ot.DomainEvent(vector, ot.Interval([3.0, 3.0], [9.0, 9.0]))
+    algorithm, total = ActiveSubspaceReliability(event), ot.SymbolicFunction(["x", "y"], ["x + y"])
+    algorithm.setComponents(both, total)
+    with pytest.raises(TypeError, match="components can be given for a ThresholdEvent only, not for a DomainEvent"):
+        algorithm.run()
+    with pytest.raises(TypeError, match="components can be given for a ThresholdEvent only, not for a DomainEvent"):
+        ReliabilityComparison(event).setComponents(both, total)
+
+
+def test_a_composition_is_compared_at_the_size_of_its_values():
+    vector = ot.CompositeRandomVector(
+        ot.SymbolicFunction(["x", "y"], ["1e-12 * (x + y)"]), ot.RandomVector(ot.Normal(2))
+    )
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 4e-12))
+    both = ot.SymbolicFunction(["x", "y"], ["x", "y"])
+    algorithm.setComponents(both, ot.SymbolicFunction(["u", "v"], ["5e-12 + 0 * u"]))
+    with pytest.raises(ValueError, match="does not give the event's variable"):
+        algorithm.run()
+    algorithm.setComponents(both, ot.SymbolicFunction(["u", "v"], ["1e-12 * (u + v)"]))
+    algorithm.run()
+    assert algorithm.getResult().getConverged()

@@ -374,6 +374,10 @@ def test_memory_does_not_grow_with_the_runs():
 
 
 def test_bad_arguments_are_named():
+    made = stream(10)
+    made.setEvents({"by its whole name": ("sum [m]", ot.Greater(), 3.0), "by its index": (np.int64(1), ot.Less(), 0.0)})
+    with pytest.raises(ValueError, match=r"'1\.0' is no output of the function"):
+        made.setEvents({"event": (1.0, ot.Greater(), 3.0)})
     with pytest.raises(ValueError, match="the inputs have dimension 3, the function has 2 inputs"):
         MonteCarloStream(SUM, ot.Normal(3), 10)
     for size in (None, 0, 1.5):

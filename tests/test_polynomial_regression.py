@@ -262,6 +262,58 @@ def test_default_law_standardises_a_badly_scaled_sample():
     assert result.getQ2LeaveOneOut()[0] == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("how", ["robust", "weights of 0"])
+def test_intervals_of_robust_fits_and_of_fits_without_some_points_hold(how):
+    """Under normal noise: Huber's weights take a sixth of the residuals' squares, and points of weight 0 are none."""
+    random = np.random.default_rng(0)
+    weights = np.r_[np.zeros(20), np.ones(10)]
+    inside, variances, repetitions = np.zeros(2), [], 1000
+    for _ in range(repetitions):
+        inputs = random.standard_normal((30, 1))
+        outputs = 1.0 + inputs[:, 0] + 0.3 * random.standard_normal(30)
+        options = {"Robust": True} if how == "robust" else {"Weights": weights}
+        result = lineOf(inputs[:, 0], outputs, **options)
+        variances.append(result.getNoiseVariance()[0])
+        point = random.standard_normal((1, 1))
+        mean = 1.0 + point[0, 0]
+        for index, (noise, value) in enumerate(((True, mean + 0.3 * random.standard_normal()), (False, mean))):
+            lower, upper = result.getPredictionInterval(point, 0.95, noise)
+            inside[index] += lower[0, 0] < value < upper[0, 0]
+    np.testing.assert_allclose(inside / repetitions, 0.95, atol=0.02)
+    assert np.mean(variances) == pytest.approx(0.09, rel=0.03)
+
+
+def test_weights_of_0_leave_no_degree_of_freedom():
+    result = lineOf([0.0, 1.0, 2.0, 3.0], [0.0, 1.0, 5.0, 7.0], Weights=[1.0, 1.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match="2 points and as many terms leave no residual"):
+        result.getNoiseVariance()
+
+
+@pytest.mark.parametrize(
+    ("law", "degree"),
+    [(ot.Student(5.0), 3), (ot.Student(2.5), 2), (ot.Pareto(1.0, 3.0, 0.0), 2), (ot.LogNormal(0.0, 2.0, 0.0), 2)],
+)
+def test_moments_that_the_law_does_not_have_are_refused(law, degree):
+    inputs = np.array(ot.Uniform(1.5, 3.0).getSample(50))
+    regression = MultivariatePolynomialRegression(inputs, inputs**degree, law)
+    regression.setDegree(degree)
+    regression.run()
+    result = regression.getResult()
+    for ask in (
+        result.getMean,
+        result.getVariance,
+        lambda: result.getSobolIndex(0),
+        lambda: result.getTotalSobolIndex(0),
+    ):
+        with pytest.raises(ValueError, match=rf"moments of order {2 * degree} do not exist or cannot be computed"):
+            ask()
+    # The polynomial itself is right.
+    assert result.getMetaModel()([2.0])[0] == pytest.approx(2.0**degree)
+    regression.setDegree(0)
+    regression.run()
+    assert regression.getResult().getVariance()[0] == 0.0
+
+
 def test_weights_and_robust_fit_resist_outliers():
     law = ot.Normal(1)
     ot.RandomGenerator.SetSeed(3)
@@ -514,3 +566,26 @@ def test_an_input_may_have_a_distribution_in_python():
     regression.run()
     point = [0.2, 0.5, 0.7]
     assert regression.getResult().getMetaModel()(point) == pytest.approx(np.array(FUNCTION(point)), abs=1e-9)
+
+
+def test_bad_degrees_and_folds_are_named():
+    regression = MultivariatePolynomialRegression(np.zeros((30, 1)), np.zeros((30, 1)), ot.Normal(1))
+    for highest in (-1, 11, 1.5):
+        with pytest.raises(ValueError, match=f"The highest degree is {highest}; a whole number from 0 to 10"):
+            regression.selectDegree(highest)
+    for folds in (1, 2.5):
+        with pytest.raises(ValueError, match=f"The number of folds is {folds}; a whole number from 2 on"):
+            regression.selectDegree(4, folds)
+
+
+def test_samples_keep_their_names():
+    inputs = ot.Normal(2).getSample(30)
+    inputs.setDescription(["mass", "rate"])
+    outputs = ot.SymbolicFunction(["a", "b"], ["a + b"])(inputs)
+    outputs.setDescription(["sag"])
+    regression = MultivariatePolynomialRegression(inputs, outputs)
+    regression.setDegree(1)
+    regression.run()
+    result = regression.getResult()
+    assert list(result.getInputSample().getDescription()) == ["mass", "rate"]
+    assert list(result.getMetaModelResult().getOutputSample().getDescription()) == ["sag"]

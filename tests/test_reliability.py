@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 from types import SimpleNamespace
 
 import numpy as np
@@ -1373,3 +1374,38 @@ def test_an_estimate_that_is_not_positive_has_an_interval_from_0():
     assert lower == 0.0
     assert upper == pytest.approx(1.96e-5, rel=1e-3)
     assert IntervalLaw(0.0, 1.0, 1e9).bounds(0.95) == (0.0, 1.0)
+
+
+def test_a_probability_is_never_above_1():
+    for seed in range(10):
+        ot.RandomGenerator.SetSeed(seed)
+        algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0] - 3.719, 1))
+        algorithm.run()
+        result = algorithm.getResult()
+        assert 0.99 < result.getProbabilityEstimate() <= 1.0
+        assert result.getConfidenceInterval(0.95).contains([result.getProbabilityEstimate()])
+        assert result.computeProbability(ot.Normal(1)).probability <= 1.0
+
+
+def test_a_result_goes_to_another_process_and_keeps_the_names_of_the_outputs():
+    function = ot.SymbolicFunction(["a", "b"], ["a + b"])
+    function.setOutputDescription(["sag"])
+    vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(2)))
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 4.0))
+    algorithm.run()
+    result = algorithm.getResult()
+    again = pickle.loads(pickle.dumps(result))
+    assert again.getProbabilityEstimate() == result.getProbabilityEstimate()
+    assert again.computeImportance() == result.computeImportance()
+    assert again.getDirections() == result.getDirections()
+    for sample in (again.getOutputSample(), algorithm.getRuns()[1]):
+        assert list(sample.getDescription()) == ["sag"]
+    assert again.getTrueRuns().outputNames == ("sag",)
+
+
+@pytest.mark.parametrize("what", ["Progress", "Stop"])
+def test_a_callback_that_cannot_be_called_is_refused_at_once(what):
+    algorithm = ActiveSubspaceReliability(event(lambda u: 3.0 - u[:, 0]))
+    getattr(algorithm, f"set{what}Callback")(None)
+    with pytest.raises(TypeError, match=f"the {what.lower()} callback must be callable, got int"):
+        getattr(algorithm, f"set{what}Callback")(3)

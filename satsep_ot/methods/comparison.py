@@ -89,6 +89,9 @@ class ReliabilityComparison:
         surrogateComposition: ot.Function | None = None,
     ) -> None:
         """Components for ActiveSubspace, see :meth:`ActiveSubspaceReliability.setComponents`."""
+        kind = eventKind(self._event)
+        if kind != "ThresholdEvent":
+            raise TypeError(f"components can be given for a ThresholdEvent only, not for a {kind}")
         self._components = (function, composition, smoothIndices, surrogateComposition)
 
     def setProgressCallback(self, callback: Callable[[str, float], None] | None) -> None:

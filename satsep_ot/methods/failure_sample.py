@@ -356,6 +356,7 @@ def computeProbability(
     logRatio = np.array(other.computeLogPDF(sample.x))[:, 0] - np.array(distribution.computeLogPDF(sample.x))[:, 0]
     ratio = np.exp(np.minimum(np.where(np.isfinite(logRatio), logRatio, -np.inf), 700.0))
     value, variance, freedom = sample.expectation(ratio)
+    value = min(value, 1.0)
     quantile = float(stats.t.ppf(0.5 + 0.5 * level, freedom))
     failures = (sample.ratios * ratio)[sample.failed]
     squared = float((failures**2).sum())

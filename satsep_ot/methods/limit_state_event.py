@@ -55,7 +55,9 @@ class Limit:
         kind = checkedKind(event)
         if kind in ("UnionEvent", "IntersectionEvent"):
             combine = np.min if kind == "UnionEvent" else np.max
-            parts = [Limit.of(member) for member in event.getEventCollection()]
+            # One that was wrapped, as OpenTURNS wraps the members of others, has its own methods inside.
+            inner = event.getImplementation() if event.getClassName() == "RandomVector" else event
+            parts = [Limit.of(member) for member in inner.getEventCollection()]
             sizes = np.cumsum([part.function.getOutputDimension() for part in parts])[:-1]
 
             def margin(outputs):
@@ -118,6 +120,11 @@ def thresholdMargin(operator: ot.ComparisonOperator, threshold: float) -> Callab
     """Function of values (n,) that is at most 0 where the operator holds between the value and the threshold."""
     if not math.isfinite(threshold):
         raise ValueError(f"the threshold of the event is {threshold}; it must be finite")
+    if operator.compare(-1.0, 0.0) == operator.compare(1.0, 0.0):
+        raise ValueError(
+            f"the comparison of the event is {operator.getImplementation().getClassName()}; give one with a side, "
+            "such as Greater or LessOrEqual"
+        )
     # 0 > 0 tells a strict operator, -1 < 0 one that looks below.
     strict = not operator.compare(0.0, 0.0)
     sign = 1.0 if operator.compare(-1.0, 0.0) else -1.0
@@ -243,6 +250,7 @@ class LimitStateEvent:
                 f"but it maps {reduced.getInputDimension()} on {reduced.getOutputDimension()}"
             )
         self.function = function
+        self._threshold = event.getThreshold()
         self._checkValue = lambda x: limit.margin(callFunction(limit.function, x))
         self._margin = lambda values: limit.margin(callFunction(composition, values))
         self._surrogateMargin = lambda values: limit.margin(callFunction(reduced, values))
@@ -288,12 +296,15 @@ class LimitStateEvent:
         self.smoothIndices = [full[j] for j in used]
         self._surrogateMargin = reducedMargin
 
-    def checkComposition(self, x: np.ndarray, margin: float) -> int:
-        """Compare one run's composed value with the event's own function; returns the evaluations made (0 or 1)."""
+    def checkComposition(self, x: np.ndarray, margin: float, spread: float) -> int:
+        """Compare one run's composed value with the event's own function; returns the evaluations made (0 or 1).
+
+        They may differ by rounding, beside the spread of the values and the threshold.
+        """
         if self._checkValue is None:
             return 0
         direct = float(self._checkValue(x[None, :])[0])
-        if not math.isclose(direct, margin, rel_tol=1e-6, abs_tol=1e-9):
+        if not math.isclose(direct, margin, rel_tol=1e-6, abs_tol=1e-9 * spread + 1e-12 * abs(self._threshold)):
             raise ValueError(
                 f"the composition of the components does not give the event's variable: it is {margin:.9g} from the "
                 f"threshold where the event's function is {direct:.9g} from it, at input {x.tolist()}"

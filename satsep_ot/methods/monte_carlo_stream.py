@@ -194,11 +194,13 @@ class MonteCarloStream:
             An output is its index or its name, which may leave out the unit in brackets; an operator is
             :py:class:`openturns.Greater` or another comparison.
         """
-        names = [label.split(" [")[0] for label in self._work.function.getOutputDescription()]
+        labels = list(self._work.function.getOutputDescription())
+        names = [label.split(" [")[0] for label in labels]
+        columns = dict(zip(names, range(len(names)), strict=True)) | dict(zip(labels, range(len(names)), strict=True))
         found = {}
         for name, (output, operator, threshold) in events.items():
-            column = names.index(output) if output in names else output
-            if isinstance(column, str) or not 0 <= column < len(names):
+            column = columns.get(output, output)
+            if not isinstance(column, (int, np.integer)) or not 0 <= column < len(names):
                 raise ValueError(f"'{output}' is no output of the function; it has {', '.join(names)}")
             operator = ot.ComparisonOperator(operator)
             # Refuses a threshold that is not finite.
@@ -221,7 +223,7 @@ class MonteCarloStream:
         self._blockSize = int(size)
 
     def setChunkSize(self, size: int) -> None:
-        """Runs that a worker makes at once, rounded up to whole blocks (default 16 blocks)."""
+        """Runs that a worker makes at once, rounded up to whole blocks; without it 16 blocks."""
         if int(size) != size or size < 1:
             raise ValueError(f"the chunk size is {size}; a whole number from 1 on is allowed")
         self._chunkSize = int(size)

@@ -282,7 +282,7 @@ def number_of_terms(dimension: int, degree: int) -> int:
 
 # Arguments of the two constructors, in their order, that are kept in a file.
 _BASIS_FIELDS = ("dimension", "degree", "norm", "recurrence")
-_FIT_FIELDS = ("weights", "coefficients", "factor", "rank", "condition")
+_FIT_FIELDS = ("weights", "coefficients", "factor", "rank", "condition", "residual_share")
 
 
 class PolynomialFit:
@@ -300,6 +300,9 @@ class PolynomialFit:
     factor : ndarray
         At full rank the upper triangle R of the weighted design (below its diagonal there is something else);
         otherwise the matrix (size, rank) that turns a basis vector psi into the row psi^T factor of Q.
+    residual_share : float
+        Of the noise variance, what is left in the weighted residuals where the weights follow from them, as those of a
+        robust fit do; 1 for weights that are given.
     """
 
     def __init__(
@@ -312,6 +315,7 @@ class PolynomialFit:
         factor: Any,
         rank: int,
         condition: float,
+        residual_share: float = 1.0,
     ) -> None:
         self.basis = basis
         self.coefficients = coefficients
@@ -321,13 +325,12 @@ class PolynomialFit:
         self._values = values
         self.weights = weights
         self.factor = factor
+        self.residual_share = residual_share
 
     def fields(self) -> dict[str, Any]:
         """Numbers and arrays that make it again with :meth:`of`, but for the training points."""
-        fields = {name: getattr(self.basis, name) for name in ("dimension", "degree", "norm", "recurrence")}
-        return fields | {
-            name: getattr(self, name) for name in ("weights", "coefficients", "factor", "rank", "condition")
-        }
+        fields = {name: getattr(self.basis, name) for name in _BASIS_FIELDS}
+        return fields | {name: getattr(self, name) for name in _FIT_FIELDS}
 
     @staticmethod
     def of(fields: dict[str, Any], points: np.ndarray, values: np.ndarray) -> "PolynomialFit":
@@ -384,13 +387,19 @@ class PolynomialFit:
         return np.einsum("ij,ij->i", self._training_rows, self._training_rows)
 
     @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the residuals: points, but those of weight 0, beyond the rank."""
+        points = len(self._points) if self.weights is None else np.count_nonzero(self.weights)
+        return int(points) - self.rank
+
+    @property
     def noise_variance(self) -> np.ndarray:
-        """Weighted residual sum of squares over n - rank, per output (nan when n = rank)."""
+        """Weighted residual sum of squares over the degrees of freedom, per output (nan when there are none)."""
         squares = self.residuals**2
         if self.weights is not None:
             squares = (squares.T * self.weights).T
-        freedom = len(squares) - self.rank
-        return squares.sum(axis=0) / freedom if freedom else squares.sum(axis=0) * np.nan
+        total = squares.sum(axis=0)
+        return total / (self.freedom * self.residual_share) if self.freedom > 0 else total * np.nan
 
     def relative_covariance(self) -> np.ndarray:
         """Covariance (size, size) of the coefficients over the noise variance."""

@@ -17,11 +17,13 @@ from satsep_ot.methods.result_storage import readResult, writeResult
 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
 HUBER_CONSTANT = 1.345
+# E[min(z^2, 1.345 |z|)] of a standard normal z: what its weights leave of the variance of normal noise.
+HUBER_SHARE = math.erf(HUBER_CONSTANT / math.sqrt(2.0))
 HUBER_STEPS = 50
 # Minus the mean of the logarithm of a chi-square variable with one degree of freedom.
 LOG_CHI_SQUARE = math.log(2.0) + np.euler_gamma
 HIGHEST_DEGREE = 10
-_FORMAT = "MultivariatePolynomialRegressionResult 1"
+_FORMAT = "MultivariatePolynomialRegressionResult 2"
 
 
 def shuffled_folds(size: int, folds: int) -> list[np.ndarray]:
@@ -43,6 +45,13 @@ def _isNormal(distribution):
 
 # The most common bases: they are not changed by anyone, and take longer to set up than a small fit.
 _hermiteBasis = functools.lru_cache(maxsize=32)(PolynomialBasis)
+
+
+def _named(array, description):
+    sample = ot.Sample(array)
+    if description is not None:
+        sample.setDescription(description)
+    return sample
 
 
 @dataclasses.dataclass
@@ -178,7 +187,11 @@ class MultivariatePolynomialRegression:
         self._weights = weights
 
     def setRobust(self, robust: bool) -> None:
-        """Huber's estimator by reweighting (one output): points far off the fit count less."""
+        """Huber's estimator by reweighting (one output): points far off the fit count less.
+
+        The noise variance and the intervals are those of normal noise that outliers are mixed with: they are right
+        without outliers, and too wide rather than too narrow with them.
+        """
         if robust and self._values.shape[1] != 1:
             raise ValueError(f"The robust fit needs one output, there are {self._values.shape[1]}.")
         self._robust = bool(robust)
@@ -194,7 +207,16 @@ class MultivariatePolynomialRegression:
         dict
             Root mean squared prediction error by degree that could be fitted, averaged over the outputs in units
             of their standard deviation.
+
+        Raises
+        ------
+        ValueError
+            The highest degree or the number of folds is not allowed, or there are too few points.
         """
+        if int(highest) != highest or not 0 <= highest <= HIGHEST_DEGREE:
+            raise ValueError(f"The highest degree is {highest}; a whole number from 0 to {HIGHEST_DEGREE} is allowed.")
+        if int(folds) != folds or folds < 2:
+            raise ValueError(f"The number of folds is {folds}; a whole number from 2 on is allowed.")
         blocks = shuffled_folds(len(self._points), folds)
         spread = self._values.var(axis=0)
         spread[spread == 0.0] = 1.0
@@ -256,6 +278,7 @@ class MultivariatePolynomialRegression:
             weights = base * np.minimum(1.0, HUBER_CONSTANT * scale / np.maximum(error, 1e-300))
             previous = fit.coefficients
             fit = fit_polynomial(basis, reduced, self._values, weights)
+            fit.residual_share = HUBER_SHARE
             if np.abs(fit.coefficients - previous).max() <= 1e-10 * np.abs(fit.coefficients).max():
                 return fit
         change = np.abs(fit.coefficients - previous).max() / np.abs(fit.coefficients).max()
@@ -337,11 +360,11 @@ class MultivariatePolynomialRegressionResult:
 
     def getInputSample(self) -> ot.Sample:
         """Inputs, :py:class:`openturns.Sample` (N, d)."""
-        return ot.Sample(self._points)
+        return _named(self._points, self._descriptions[0])
 
     def getOutputSample(self) -> ot.Sample:
         """Outputs, :py:class:`openturns.Sample` (N, p)."""
-        return ot.Sample(self._values)
+        return _named(self._values, self._descriptions[1])
 
     def getIndices(self) -> np.ndarray:
         """Exponents of each term, ndarray of int (P, d); the first is the constant."""
@@ -399,7 +422,7 @@ class MultivariatePolynomialRegressionResult:
 
     def getMetaModelResult(self) -> ot.MetaModelResult:
         """An :py:class:`openturns.MetaModelResult` of the samples and the native function."""
-        return ot.MetaModelResult(ot.Sample(self._points), ot.Sample(self._values), self.getMetaModel())
+        return ot.MetaModelResult(self.getInputSample(), self.getOutputSample(), self.getMetaModel())
 
     def getMetaModelValidation(
         self, inputSample: ArrayLike | None = None, outputSample: ArrayLike | None = None
@@ -433,8 +456,9 @@ class MultivariatePolynomialRegressionResult:
         ValueError
             As many terms as points leave no residual to estimate it from.
         """
-        if len(self._points) == self._fit.rank:
-            raise ValueError(f"{len(self._points)} points and as many terms leave no residual to estimate noise from.")
+        if self._fit.freedom <= 0:
+            points = self._fit.rank + self._fit.freedom
+            raise ValueError(f"{points} points and as many terms leave no residual to estimate noise from.")
         return ot.Point(self._fit.noise_variance)
 
     def getLeaveOneOutResiduals(self) -> ot.Sample:
@@ -487,7 +511,7 @@ class MultivariatePolynomialRegressionResult:
     def _quantile(self, level):
         if not 0.0 < level < 1.0:
             raise ValueError(f"The confidence level must be in (0, 1), got {level}.")
-        return ot.Student(float(len(self._points) - self._fit.rank)).computeQuantile(0.5 + 0.5 * level)[0]
+        return ot.Student(float(self._fit.freedom)).computeQuantile(0.5 + 0.5 * level)[0]
 
     def getPredictionVariance(self, points: np.ndarray, noise: bool = True) -> np.ndarray:
         """Variance of predictions at points (n, d): ndarray (n, p).
@@ -535,11 +559,20 @@ class MultivariatePolynomialRegressionResult:
         return np.exp(0.5 * spread.predict(self._reduction.apply(points)))
 
     def getMean(self) -> ot.Point:
-        """Mean of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
+        """Mean of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p).
+
+        Raises
+        ------
+        ValueError
+            The law has no moments that high, as Student's with few degrees of freedom, or none that can be computed. So
+            do variance and Sobol indices.
+        """
+        self._requireMoments()
         return ot.Point(self._fit.coefficients[0])
 
     def getVariance(self) -> ot.Point:
         """Variance of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
+        self._requireMoments()
         return ot.Point((self._fit.coefficients[1:] ** 2).sum(axis=0))
 
     def getSample(self, size: int) -> ot.Sample:
@@ -556,7 +589,32 @@ class MultivariatePolynomialRegressionResult:
         """
         return ot.KernelSmoothing().build(self.getSample(size).getMarginal(output))
 
+    def _requireMoments(self):
+        """Refuse what rests on the orthonormality of the polynomials where the law does not give it."""
+        basis, law = self._fit.basis, self._reduction.law
+        for variable, family in enumerate(self._reduction.families):
+            degree = int(basis.indices[:, variable].max(initial=0))
+            if isinstance(family, ot.HermiteFactory) or degree == 0:
+                continue
+            # Over the standard normal of the same level, up to 9 standard deviations.
+            nodes, weights = np.polynomial.legendre.leggauss(2000)
+            nodes, weights = 9.0 * nodes, 9.0 * weights * np.exp(-40.5 * nodes**2) / math.sqrt(2.0 * math.pi)
+            marginal = law.getMarginal(variable)
+            levels = [(ot.DistFunc.pNormal(-abs(node)), node > 0.0) for node in nodes.tolist()]
+            points = np.array([marginal.computeQuantile(*level)[0] for level in levels])
+            z = (points - self._reduction.centre[variable]) * self._reduction.slope[variable]
+            univariate = PolynomialBasis(1, degree, recurrence=basis.recurrence[[variable], :degree])
+            with np.errstate(all="ignore"):
+                square = univariate.evaluate(z[:, None])[degree] ** 2 @ weights
+            if not abs(square - 1.0) < 1e-2:
+                raise ValueError(
+                    f"Under the law {marginal} of input {variable} the polynomial of degree {degree} has the mean "
+                    f"square {square:.3g} instead of 1: moments of order {2 * degree} do not exist or cannot be "
+                    "computed. Lower the degree, or take the moments of getSample()."
+                )
+
     def _share(self, selected, output):
+        self._requireMoments()
         coefficients = self._fit.coefficients[:, output] ** 2
         total = coefficients[1:].sum()
         if not total > 0.0:

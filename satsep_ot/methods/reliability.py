@@ -83,6 +83,11 @@ class _Proposal:
         return float((self.selection * self.failure).sum())
 
 
+def _refuseNotCallable(what, callback):
+    if callback is not None and not callable(callback):
+        raise TypeError(f"the {what} callback must be callable, got {type(callback).__name__}")
+
+
 class ActiveSubspaceReliability:
     """Probability of an event: surrogate on active subspaces, corrected by true runs to an unbiased estimate.
 
@@ -222,10 +227,12 @@ class ActiveSubspaceReliability:
 
     def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called after each block of runs with the percentage of the evaluation limit that is used."""
+        _refuseNotCallable("progress", callback)
         self._progressCallback = callback
 
     def setStopCallback(self, callback: Callable[[], bool] | None) -> None:
         """Called after each block; when it returns True the run ends with what was reached."""
+        _refuseNotCallable("stop", callback)
         self._stopCallback = callback
 
     def getResult(self) -> ActiveSubspaceReliabilityResult:
@@ -245,7 +252,10 @@ class ActiveSubspaceReliability:
         if not self._runs:
             raise RuntimeError("there are no true runs: run() was not called, or ended before its first block")
         runs = Runs.concatenate(self._runs)
-        return ot.Sample(runs.x), ot.Sample(runs.outputs)
+        inputs, outputs = ot.Sample(runs.x), ot.Sample(runs.outputs)
+        inputs.setDescription(self._limitState.distribution.getDescription())
+        outputs.setDescription(self._limitState.function.getOutputDescription())
+        return inputs, outputs
 
     # The phases. -----------------------------------------------------------------------------------------------------
 
@@ -438,7 +448,8 @@ class ActiveSubspaceReliability:
     def _checkComposition(self, runs):
         if runs.finite.any():
             row = int(np.argmax(runs.finite))
-            checked = self._limitState.checkComposition(runs.x[row], runs.margins[row])
+            spread = float(np.ptp(runs.margins[runs.finite]))
+            checked = self._limitState.checkComposition(runs.x[row], runs.margins[row], spread)
             if checked:
                 self._phases["composition check"] = checked
 
@@ -622,7 +633,7 @@ class ActiveSubspaceReliability:
             self._history = []
             reason += f"; no run failed, and only about {law.runs} runs as by Monte Carlo bound the probability"
         self._store(
-            max(estimate.probability, 0.0),
+            min(max(estimate.probability, 0.0), 1.0),
             estimate.variance,
             law,
             estimate.surrogateProbability,
@@ -732,4 +743,5 @@ class ActiveSubspaceReliability:
             list(self._history),
             None if surrogate is None else lambda: SurrogateView.of(surrogate, limitState, runs),
             failureSample,
+            limitState.function.getOutputDescription(),
         )

@@ -20,7 +20,7 @@ from satsep_ot.methods.true_runs import TrueRuns
 # Points that carry the surrogate's share of the failure distribution.
 _SURROGATE_POINTS = 10_000
 _CONTOUR_POINTS = 61
-_FORMAT = "ActiveSubspaceReliabilityResult 2"
+_FORMAT = "ActiveSubspaceReliabilityResult 3"
 
 
 def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float, float]:
@@ -314,6 +314,7 @@ class ActiveSubspaceReliabilityResult:
         history: list,
         view: Any,
         failureSample: Any,
+        outputDescription: Sequence[str],
     ) -> None:
         self._event = event
         self._distribution = distribution
@@ -330,6 +331,15 @@ class ActiveSubspaceReliabilityResult:
         self._history = history
         self._view = view
         self._failureSample = failureSample
+        self._outputDescription = list(outputDescription)
+
+    def __getstate__(self):
+        # What is made when it is asked for is made from functions that no other process could import.
+        fields = dict(vars(self))
+        fields["_view"] = None if self._view is None else self._getView()
+        if callable(self._failureSample):
+            fields["_failureSample"] = self._failureSample()
+        return fields
 
     def __repr__(self) -> str:
         interval = self.getConfidenceInterval()
@@ -430,8 +440,10 @@ class ActiveSubspaceReliabilityResult:
         return sample
 
     def getOutputSample(self) -> ot.Sample:
-        """Outputs of all true runs."""
-        return ot.Sample(self._runs.outputs)
+        """Outputs of all true runs, under their names."""
+        sample = ot.Sample(self._runs.outputs)
+        sample.setDescription(self._outputDescription)
+        return sample
 
     def getTrueRuns(self, outputNames: Sequence[str] | None = None) -> TrueRuns:
         """All true runs with their phases and weights, from which the estimate can be computed again, and saved.
@@ -442,11 +454,9 @@ class ActiveSubspaceReliabilityResult:
         Parameters
         ----------
         outputNames : sequence of str, optional
-            By default y0, y1, ...
+            By default those of the function.
         """
         runs = self._runs
-        if outputNames is None:
-            outputNames = ot.Description.BuildDefault(runs.outputs.shape[1], "y")
         return TrueRuns(
             runs.x,
             runs.outputs,
@@ -455,7 +465,7 @@ class ActiveSubspaceReliabilityResult:
             runs.weights,
             runs.expected,
             tuple(self._distribution.getDescription()),
-            tuple(outputNames),
+            tuple(self._outputDescription if outputNames is None else outputNames),
             self._surrogateProbability or 0.0,
         )
 
@@ -578,11 +588,7 @@ class ActiveSubspaceReliabilityResult:
         path : str or path
             Ends on ``.npz``.
         """
-        fields = dict(vars(self))
-        fields["_view"] = None if self._view is None else self._getView()
-        if callable(self._failureSample):
-            fields["_failureSample"] = self._failureSample()
-        writeResult(path, _FORMAT, {name.removeprefix("_"): value for name, value in fields.items()})
+        writeResult(path, _FORMAT, {name.removeprefix("_"): value for name, value in self.__getstate__().items()})
 
     @staticmethod
     def load(path: str | os.PathLike, event: Any | None = None) -> "ActiveSubspaceReliabilityResult":
