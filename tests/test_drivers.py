@@ -138,6 +138,9 @@ def test_the_nearest_true_violation_stands_where_the_search_ends_in_an_error(pro
     monkeypatch.setattr(drivers.ot, "FORM", lambda *arguments: astray)
     assert drivers.most_likely_violation(problem, "rolling", sample).distance == found.distance
     assert drivers.most_likely_violation(problem, "rolling") is None
+    # Nor one that ends where no run succeeds: with a mass below 0.
+    origin.getStandardSpaceDesignPoint = lambda: [-60.0, 0.1]
+    assert drivers.most_likely_violation(problem, "rolling", sample).distance == found.distance
     monkeypatch.setattr(drivers.ot, "FORM", Failing)
     monkeypatch.setattr(Failing, "message", "KeyboardInterrupt: in Python")
     with pytest.raises(KeyboardInterrupt):

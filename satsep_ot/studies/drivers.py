@@ -378,11 +378,11 @@ def most_likely_violation(
         try:
             search = ot.FORM(solver, event)
             search.run()
+            found.append(violation(np.array(search.getResult().getStandardSpaceDesignPoint())))
         except RuntimeError as error:
-            # The search does not converge everywhere: the nearest true violation then stands.
+            # Neither the search nor every run succeeds: the nearest true violation then stands.
             raiseInterrupt(error)
             continue
-        found.append(violation(np.array(search.getResult().getStandardSpaceDesignPoint())))
         if found[-1] is not None:
             break
     found = [one for one in found if one is not None]
