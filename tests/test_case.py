@@ -326,6 +326,7 @@ REFUSALS = {
     "missing table": ("[satellite] ", "[platform.x] ", ["platform.x"]),
     "missing key": ("mass = 1200.0", "", ["platform.mass is missing", "kg"]),
     "missing stroke": ("stroke = 30.0", "", ["springs.stroke is missing", "mm"]),
+    "a requirement without a name": ('"lateral rate"', '""', ["requirements[1].name = ''", "a name of 1"]),
     "a name that cannot be printed": ("[inputs]", '[inputs]\n"a\\u0007b" = 3', ["inputs.", "printable characters"]),
     "no list of points": (
         re.search("half_width = .*\nheight = .*\n", REFERENCE)[0],

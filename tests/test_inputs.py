@@ -15,6 +15,7 @@ from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import (
     ParameterMap,
     build_distribution,
+    interval_digits,
     joint_distribution,
     quantile_range,
     scatter_targets,
@@ -370,3 +371,8 @@ def test_the_suggested_word_means_what_was_meant(old, new, meant):
     assert parse_case(text).inputs
     with pytest.raises(CaseError, match=rf"did you mean '{re.escape(meant)}'\?$"):
         parse_case(text.replace(old, new))
+
+
+def test_digits_of_an_interval_without_a_width():
+    assert interval_digits(2.0, 2.0) == interval_digits(-math.inf, 1.0) == 3
+    assert interval_digits(2.0, 2.0, least=6) == 6

@@ -280,6 +280,21 @@ def test_no_failure_seen_has_an_upper_bound():
     assert not result.getConverged()
 
 
+def test_normal_runs_of_a_subset_simulation_without_a_failure_bound_the_probability_too():
+    algorithm = ActiveSubspaceReliability(event(lambda u: 60.0 - u[:, 0]))
+    algorithm.setMode("safe")
+    algorithm.setMaximumEvaluations(900)
+    algorithm.run()
+    runs = algorithm.getResult().getTrueRuns()
+    nominal = np.isfinite(runs.weights)
+    # The first runs, the first level of each of two subset simulations, and what was left in the end.
+    both = sum((nominal & (runs.phases == phase)).sum() for phase in ("subset", "subset simulation"))
+    assert both > 20
+    assert nominal.sum() == 10 + both + algorithm.getResult().getEvaluationNumber("Monte Carlo")
+    bound = algorithm.getResult().getConfidenceInterval(0.95).getUpperBound()[0]
+    assert bound == pytest.approx(1.0 - 0.05 ** (1.0 / nominal.sum()))
+
+
 def test_a_jump_that_the_first_runs_do_not_show_is_left_to_monte_carlo():
     for target, converged in ((0.05, False), (0.15, True)):
         ot.RandomGenerator.SetSeed(0)
@@ -1325,7 +1340,7 @@ def test_a_run_hands_over_where_subset_simulation_would_be_more_exact(monkeypatc
     assert list(result.getPhases()) == ["learning", "subset simulation"]
 
 
-def test_modes_without_a_failure_region_are_left_out():
+def test_modes_without_a_failure_region_are_left_out(monkeypatch):
     algorithm = systemOf(3.0, 3.2, 40.0, 3.4)
     assert len(algorithm._modes().shares) == 3
     # A component that is constant has no direction to search along.
@@ -1334,6 +1349,16 @@ def test_modes_without_a_failure_region_are_left_out():
     algorithm._surrogate = LimitStateSurrogate(u, values, lambda v: 3.0 - v.max(axis=1), np.ones(300))
     algorithm._surrogate.groups = lambda generator: [[0], [1], [2], [3]]
     assert len(algorithm._modes().shares) == 3
+    # Nor is one whose region is not found.
+    found, fit = [], reliability.fitImportantRegion
+
+    def missingTheFirst(*arguments, **options):
+        found.append(fit(*arguments, **options) if found else None)
+        return found[-1]
+
+    monkeypatch.setattr(reliability, "fitImportantRegion", missingTheFirst)
+    assert len(systemOf(3.0, 3.2, 3.3, 3.4)._modes().shares) == 3
+    assert len(found) == 4
 
 
 def test_results_without_a_surrogate_or_an_estimate_say_so(monkeypatch):
