@@ -5,7 +5,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.methods.comparison import ReliabilityComparison
-from satsep_ot.methods.limit_state_event import LimitStateEvent, checkedKind
+from satsep_ot.methods.limit_state_event import LimitStateEvent, checkedKind, errorMessage
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 
 FUNCTION = ot.SymbolicFunction(["load", "length"], ["load * length"])
@@ -126,3 +126,16 @@ def test_a_composition_is_compared_at_the_size_of_its_values():
     algorithm.setComponents(both, ot.SymbolicFunction(["u", "v"], ["1e-12 * (u + v)"]))
     algorithm.run()
     assert algorithm.getResult().getConverged()
+
+
+def test_an_error_inside_of_functions_is_told_without_their_tracebacks():
+    def fail(x):
+        raise ValueError("mass = -1 kg: a positive number is allowed")
+
+    inner = ot.PythonFunction(1, 1, fail)
+    outer = ot.PythonFunction(1, 1, lambda x: inner(x))
+    with pytest.raises(RuntimeError) as error:
+        outer([0.0])
+    assert str(error.value).count("Traceback") > 1
+    sentence = "mass = -1 kg: a positive number is allowed"
+    assert errorMessage(error.value) == sentence

@@ -4,12 +4,11 @@ import copy
 import json
 
 import numpy as np
-import openturns as ot
 import pytest
 
 from satsep_ot.model.case import CaseError, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy, error_in_short
+from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy
 
 # Runs of the Monte Carlo sample: 20,000 give half a percent of the violation probabilities of spin and system.
 SIZE = 20_000
@@ -108,20 +107,6 @@ def test_bad_arguments_are_named():
         SeparationStudy(problem, sampleSize=0)
     with pytest.raises(ValueError, match="there is no ActiveSubspace result of 'spin'"):
         SeparationStudy(problem).getReliabilityResult("spin")
-
-
-def test_an_error_inside_of_functions_is_told_without_their_tracebacks():
-    def fail(x):
-        raise ValueError("mass = -1 kg: a positive number is allowed")
-
-    inner = ot.PythonFunction(1, 1, fail)
-    outer = ot.PythonFunction(1, 1, lambda x: inner(x))
-    with pytest.raises(RuntimeError) as error:
-        outer([0.0])
-    assert str(error.value).count("Traceback") > 1
-    sentence = "mass = -1 kg: a positive number is allowed"
-    assert error_in_short(str(error.value)) == sentence
-    assert error_in_short(f"SQP: {error.value}; Cobyla: {error.value}") == f"SQP: {sentence}; Cobyla: {sentence}"
 
 
 def test_a_case_without_requirements_is_refused_before_anything_is_begun():

@@ -9,7 +9,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.limit_state_event import Limit, callFunction, checkedKind, eventKind, raiseInterrupt
+from satsep_ot.methods.limit_state_event import (
+    Limit,
+    callFunction,
+    checkedKind,
+    errorMessage,
+    eventKind,
+    raiseInterrupt,
+)
 from satsep_ot.methods.reliability_methods import (
     METHODS,
     CountedProblem,
@@ -141,7 +148,7 @@ class ReliabilityComparison:
             row = method.run(self._problem(counter, report))
         except Exception as error:
             raiseInterrupt(error)
-            row = Row(method.name, note=f"{type(error).__name__}: {error}")
+            row = Row(method.name, note=f"{type(error).__name__}: {errorMessage(error)}")
         row.seconds = time.perf_counter() - start
         row.evaluations, row.gradients = counter.evaluations, counter.gradients
         report(100.0)

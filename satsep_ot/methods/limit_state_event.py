@@ -3,6 +3,7 @@
 import ctypes
 import dataclasses
 import math
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,6 +13,8 @@ import openturns as ot
 from satsep_ot.methods.standard_space import StandardSpace, nameInputs
 
 NON_FINITE_POLICIES = ("raise", "failure", "safe")
+# What OpenTURNS adds to the message of an error in a Python function: a traceback for each function in between.
+_TRACEBACK = re.compile(r"\s*Traceback \(most recent call last\):\n(?:[ \t].*\n)+.*\n?\s*")
 
 
 @dataclasses.dataclass
@@ -164,6 +167,19 @@ def raiseInterrupt(error: BaseException) -> None:
     """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
     if "KeyboardInterrupt" in str(error):
         raise KeyboardInterrupt from error
+
+
+def errorMessage(error: BaseException) -> str:
+    """The message of an error on one line, without what OpenTURNS adds where it passes through its functions.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.limit_state_event import errorMessage
+    >>> errorMessage(RuntimeError("mass = -1\\nTraceback (most recent call last):\\n  File 'a'\\nValueError: x\\n"))
+    'mass = -1'
+    """
+    plain = " ".join(_TRACEBACK.sub("\n", str(error)).split())
+    return re.sub(r"\b(InternalException|InvalidArgumentException) : ", "", plain)
 
 
 class LimitStateEvent:

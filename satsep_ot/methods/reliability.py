@@ -16,6 +16,7 @@ from satsep_ot.methods.limit_state_event import (
     LimitStateEvent,
     Runs,
     checkedKind,
+    errorMessage,
     raiseInterrupt,
 )
 from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate
@@ -433,7 +434,7 @@ class ActiveSubspaceReliability:
             before = f"getRuns() still has the {kept} runs before it" if kept else "no run before it is there to keep"
             raise RuntimeError(
                 f"the function failed in the phase {phase!r}, in a block of {len(u)} runs of which none is kept; "
-                f"{before}: {error}"
+                f"{before}: {errorMessage(error)}"
             ) from error
         self._runs.append(runs)
         if nominal:

@@ -14,7 +14,7 @@ import openturns as ot
 import openturns.experimental as otexp
 from numpy.typing import ArrayLike
 
-from satsep_ot.methods.limit_state_event import Limit, callFunction, raiseInterrupt
+from satsep_ot.methods.limit_state_event import Limit, callFunction, errorMessage, raiseInterrupt
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
 from satsep_ot.methods.standard_space import StandardSpace
@@ -312,7 +312,7 @@ class FORM(ReliabilityMethod):
                 algorithm.run()
             except RuntimeError as error:
                 raiseInterrupt(error)
-                notes.append(f"{solver.getClassName()}: {error}")
+                notes.append(f"{solver.getClassName()}: {errorMessage(error)}")
                 continue
             result = algorithm.getResult()
             optimum = result.getOptimizationResult()

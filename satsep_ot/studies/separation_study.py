@@ -27,7 +27,7 @@ from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.methods.active_dimension import energy_dimension
 from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
 from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
-from satsep_ot.methods.limit_state_event import raiseInterrupt
+from satsep_ot.methods.limit_state_event import errorMessage, raiseInterrupt
 from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
 from satsep_ot.methods.reliability_methods import ActiveSubspace
@@ -64,8 +64,6 @@ _WRITTEN = (
 _DRAWN = 200_000
 # The outputs of so many runs of the sample are kept in a file: about 100 bytes a run.
 _LARGEST_SAMPLE_FILE = 10_000_000
-# What OpenTURNS adds to the message of an error in a Python function: a traceback for each function in between.
-_TRACEBACK = re.compile(r"\s*Traceback \(most recent call last\):\n(?:[ \t].*\n)+.*\n?\s*")
 
 # What FORM and SORM cannot see, by the quantity of a requirement.
 _BLIND_SPOTS = {
@@ -438,7 +436,7 @@ class SeparationStudy:
             comparison.setRunsCallback(lambda inputs, outputs: parts.append((inputs, outputs)))
         comparison.run()
         row, names = comparison.getResult().getRows()[0], [requirement, name]
-        row.note = error_in_short(row.note)
+        row.note = without_inputs(row.note)
         if name == "MonteCarlo":
             row.seconds = self._summary["seconds"]
         elif name == "ActiveSubspace" and row.probability is not None:
@@ -490,7 +488,7 @@ class SeparationStudy:
                 "scale": 0.5,
                 **dict.fromkeys(("probability", "lower95", "upper95", "evaluations")),
                 "converged": False,
-                "note": error_in_short(f"{type(error).__name__}: {error}"),
+                "note": without_inputs(f"{type(error).__name__}: {errorMessage(error)}"),
             }
         function = self._problem.getComponents(requirement)[0]
         self._keepRuns([requirement, "half", name], lambda: result.getTrueRuns(function.getOutputDescription()))
@@ -917,20 +915,16 @@ class SeparationStudy:
         return law
 
 
-def error_in_short(text: str) -> str:
-    """The message of an error, or several of them, without the tracebacks that OpenTURNS adds and all inputs of a run.
+def without_inputs(message: str) -> str:
+    """The message of an error without all inputs of the run that it names.
 
     Examples
     --------
-    >>> from satsep_ot.studies.separation_study import error_in_short
-    >>> text = "SQP: mass = -1\\nTraceback (most recent call last):\\n  File 'a.py'\\nValueError: mass\\n"
-    >>> error_in_short(text + "\\n; Cobyla: no limit")
-    'SQP: mass = -1; Cobyla: no limit'
-    >>> error_in_short("row 7 could not be simulated: it is too violent; its inputs are mass = 3 kg, rate = 9 deg/s")
+    >>> from satsep_ot.studies.separation_study import without_inputs
+    >>> without_inputs("row 7 could not be simulated: it is too violent; its inputs are mass = 3 kg, rate = 9 deg/s")
     'row 7 could not be simulated: it is too violent'
     """
-    plain = " ".join(_TRACEBACK.sub("\n", text).split()).replace(" ; ", "; ")
-    return re.sub(r"\b(InternalException|InvalidArgumentException) : |; its inputs are [^;]*", "", plain)
+    return re.sub("; its inputs are [^;]*", "", message)
 
 
 def _unweighted(phase, event, parts):
