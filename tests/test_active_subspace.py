@@ -734,3 +734,17 @@ def test_differences_of_several_outputs_are_those_of_each(method):
     result = result_of(function, ot.Normal(2), setGradientMethod=method, setSamplingSize=5)
     expected = [[3.0, 1.0, 0.0], [0.0, -2.0, 1.0]]
     np.testing.assert_allclose(result.getGradientSample(), np.broadcast_to(expected, (5, 2, 3)), atol=1e-6)
+
+
+def test_gradients_that_are_0_where_the_values_vary_are_remarked():
+    """OpenTURNS drops constants of about 1e-11 from the derivatives of a formula."""
+    function = ot.SymbolicFunction(["a", "b"], ["exp(a)", "1e-12 * exp(0.3 * a + 0.4 * b)"])
+    algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(2))
+    algorithm.setSamplingSize(30)
+    algorithm.run()
+    assert "all gradients of output(s) 1 are 0, though the values vary" in algorithm.getResult().getRemarks()[-1]
+    assert algorithm.getResult().getEigenvalues()[1] == 0.0
+    algorithm.setGradientMethod("CentralDifference")
+    algorithm.run()
+    assert not any("though the values vary" in remark for remark in algorithm.getResult().getRemarks())
+    assert algorithm.getResult().getEigenvalues()[1] > 0.1

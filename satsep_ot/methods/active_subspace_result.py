@@ -115,6 +115,13 @@ class ActiveSubspaceResult:
                 f"{count} gradients of {p} output(s) resolve {self._resolved} of {d} eigenvalues: the others are "
                 "reported as 0 and the error bound does not see them."
             )
+        flat = (gradients == 0.0).all(axis=(0, 1)) & (np.ptp(values, axis=0) > 1e-9 * np.abs(values).max(axis=0))
+        if flat.any():
+            # OpenTURNS drops constants of about 1e-11 from the derivatives of a formula, for one.
+            self._remarks.append(
+                f"all gradients of output(s) {', '.join(map(str, np.flatnonzero(flat)))} are 0, though the values "
+                "vary: they are wrong; take differences (setGradientMethod) or another unit."
+            )
         # What rounding of the outputs, and the largest eigenvalue of pure noise in the gradients, can look like.
         rounding = 1e-14 * np.abs(values).max(axis=0) / np.sqrt(self._scales)
         edge = 2.0 * (1.0 + math.sqrt(d / count)) * gradientNoise / np.sqrt(self._scales)
