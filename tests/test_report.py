@@ -11,7 +11,7 @@ import pytest
 
 from satsep_ot import cli
 from satsep_ot.methods.reliability_result import clopperPearson
-from satsep_ot.model.case import parse_case
+from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.report import COVERAGE, ReportError, _gain, render_report, write_report
 from satsep_ot.studies.separation_study import SeparationStudy
@@ -366,3 +366,17 @@ def test_a_real_browser_shows_it(directory, tmp_path, width):
         assert browser.complaints == []
         outside = [url for url in browser.requests if url != address and not url.startswith("data:")]
         assert outside == []
+
+
+def test_intervals_that_do_not_overlap_are_told_at_the_top(directory, results, tmp_path):
+    copy = tmp_path / "study"
+    shutil.copytree(directory, copy)
+    assert "do not overlap" not in visible_text((copy / "report.html").read_text(encoding="utf-8")).split("The answer")[0]
+    rows = {row["method"]: row for row in results["rows"] if row["requirement"] == SYSTEM}
+    apart = [dict(row) for row in results["rows"]]
+    for row in apart:
+        if row["requirement"] == SYSTEM and row["method"] == "MonteCarlo":
+            row["lower95"], row["upper95"] = 2.0 * rows["ActiveSubspace"]["upper95"], 1.0
+    (copy / "results.json").write_text(json.dumps({**results, "rows": apart}), encoding="utf-8")
+    top = visible_text(render_report(copy)).split("The answer")[0]
+    assert re.search(r"But the intervals of ActiveSubspace \(.*\) and MonteCarlo \(.* to 1\) do not overlap\.", top)
