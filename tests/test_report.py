@@ -371,7 +371,7 @@ def test_a_real_browser_shows_it(directory, tmp_path, width):
 def test_intervals_that_do_not_overlap_are_told_at_the_top(directory, results, tmp_path):
     copy = tmp_path / "study"
     shutil.copytree(directory, copy)
-    assert "do not overlap" not in visible_text((copy / "report.html").read_text(encoding="utf-8")).split("The answer")[0]
+    assert "do not overlap" not in visible_text(render_report(directory)).split("The answer")[0]
     rows = {row["method"]: row for row in results["rows"] if row["requirement"] == SYSTEM}
     apart = [dict(row) for row in results["rows"]]
     for row in apart:
