@@ -98,7 +98,7 @@ def test_without_dask_the_error_says_what_to_install(tmp_path, capsys, monkeypat
 def test_runs_that_fail_on_a_worker_are_named(tmp_path, capsys):
     assert study(tmp_path, "wild", "--workers", "1", sigma=1e9) == 1
     said = capsys.readouterr().err.splitlines()[-1]
-    assert said.startswith("satsep-ot: rows 0 to 4095 could not be computed in 3 attempts")
+    assert said.startswith("satsep-ot: rows 0 to 11999 could not be computed in 3 attempts")
     assert "SeparationError: row " in said
 
 
