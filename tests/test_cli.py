@@ -151,6 +151,8 @@ def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
         ["report"],
         ["study", "--seed", "-1"],
         ["study", "--runs", "0"],
+        ["study", "--precision", "0.001"],
+        ["study", "--precision", "fine"],
         ["study", "--methods", "Guess"],
     ],
 )

@@ -8,7 +8,12 @@ import openturns as ot
 import pytest
 
 from satsep_ot.methods import reliability
-from satsep_ot.methods.failure_sample import FailureSample, computeParameterSensitivity, computeProbability
+from satsep_ot.methods.failure_sample import (
+    FailureSample,
+    computeImportance,
+    computeParameterSensitivity,
+    computeProbability,
+)
 from satsep_ot.methods.reliability import ActiveSubspaceReliability
 from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 
@@ -314,8 +319,10 @@ def test_weights_with_a_large_error_are_named_though_many_runs_failed():
     answer = computeProbability(sample, law, law, 0.95)
     assert "error of more than half of the probability" in answer.warning
     assert answer.coefficientOfVariation > 0.5
-    # A correction that takes more than all of it leaves 0 and a bound.
+    # A correction that takes more than all of it leaves 0 and a bound, and nothing to share out.
     sample.weights[0] = -1.0
+    with pytest.raises(RuntimeError, match=r"there is no importance: the estimate, -0\.5.*, is not positive"):
+        computeImportance(sample, law, 0.95)
     answer = computeProbability(sample, law, law, 0.95)
     assert (answer.probability, answer.lower, answer.coefficientOfVariation) == (0.0, 0.0, math.inf)
     assert 0.0 < answer.upper <= 1.0

@@ -485,8 +485,8 @@ def leave(follow, i, step, base, h, method, clearance):
 def first_crossing(start, level, rise, slope0, slope1):
     """Where on [0, 1] a cubic first reaches a level above its start, and a place up to which it crosses it but once.
 
-    The cubic rises by `rise`, with these slopes at its ends. Where it turns below the level both are its maximum, where
-    what it stands for may just be above; where it does not turn either, -1 and 1.
+    The cubic rises by `rise`, with these slopes at its ends, to the level or back from a maximum. Where that is below
+    the level both are its place, where what the cubic stands for may just be above.
     """
     bend = 3.0 * rise - 2.0 * slope0 - slope1
     twist = slope0 + slope1 - 2.0 * rise
@@ -502,8 +502,6 @@ def first_crossing(start, level, rise, slope0, slope1):
                     top = peak
                 elif start + rise < level:
                     return peak, peak
-    if top == 1.0 and start + rise < level:
-        return -1.0, top
     low = 0.0
     high = top
     z = top
@@ -621,7 +619,7 @@ def follow_points(step, tape, w, c, marks, follow, short):
             top = 1.0
             if h > 0.0:
                 z, top = first_crossing(start[1], depth, follow.room[1] - start[1], h * start[4], h * follow.room[4])
-            end = locate_exit(step, tape, z * h, top * h, w, c, marks, follow, i, short) if z >= 0.0 else -1.0
+            end = locate_exit(step, tape, z * h, top * h, w, c, marks, follow, i, short)
             exits = end >= 0.0
             if exits:
                 left += 1
