@@ -39,9 +39,9 @@ for name in satsep_ot.__all__:
 problem = satsep_ot.SeparationProblem("reference")
 speed = problem.getFunction()(problem.getDistribution().getMean())[0]
 assert abs(speed - 0.5979) < 1e-4, speed
-from satsep_ot.studies import report
+from satsep_ot.studies.telling import report
 from importlib import resources
-assert "<html" in (resources.files("satsep_ot.studies") / "report.html").read_text(encoding="utf-8")
+assert "<html" in (resources.files("satsep_ot.studies.telling") / "report.html").read_text(encoding="utf-8")
 assert (resources.files("satsep_ot") / "py.typed").is_file()
 print(satsep_ot.__file__)
 """

@@ -11,13 +11,13 @@ import numpy as np
 import openturns as ot
 from matplotlib.figure import Figure
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials.distribution import PolynomialDistribution
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.inputs import ParameterMap
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies import figures
+from satsep_ot.studies.telling import figures
 
 BLOCK = 100_000
 AGREEMENT = Path(__file__).parent.parent / "tests" / "benchmarks" / "truth_agreement.txt"

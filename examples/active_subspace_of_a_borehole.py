@@ -12,9 +12,9 @@ import numpy as np
 import openturns as ot
 import openturns.viewer as otv
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials.distribution import PolynomialDistribution
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 
 ot.RandomGenerator.SetSeed(0)
 flow = ot.SymbolicFunction(

@@ -10,8 +10,8 @@ import openturns as ot
 import openturns.viewer as otv
 from openturns.usecases import cantilever_beam, flood_model, wingweight_function
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 
 ot.RandomGenerator.SetSeed(0)
 beam, flood, wing = cantilever_beam.CantileverBeam(), flood_model.FloodModel(), wingweight_function.WingWeightModel()

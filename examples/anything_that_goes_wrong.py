@@ -9,7 +9,7 @@ probability lies between the largest one and the sum.
 
 import openturns as ot
 
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.model.separation_problem import SeparationProblem
 
 ot.RandomGenerator.SetSeed(0)

@@ -9,9 +9,9 @@ problems in the manner of ``otbenchmark``; ``satsep-ot benchmark`` runs all of t
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
-from satsep_ot.methods.comparison import ReliabilityComparison
-from satsep_ot.methods.reliability_methods import FORM, ActiveSubspace, SubsetSampling
+from satsep_ot.methods.comparison.comparison import ReliabilityComparison
+from satsep_ot.methods.comparison.methods import FORM, ActiveSubspace, SubsetSampling
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem
 
 table = []
 for name in ("P5", "RP8"):

@@ -15,7 +15,7 @@ import numpy as np
 import openturns as ot
 import openturns.viewer as otv
 
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 
 # The program, which may be in any language: a line of inputs in, a line with the output out. Here: the largest
 # displacement of a mass on a spring with damping, after a push of force f for a time t.

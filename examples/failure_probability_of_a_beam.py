@@ -11,7 +11,7 @@ import openturns as ot
 import openturns.viewer as otv
 from openturns.usecases import cantilever_beam
 
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 
 ot.RandomGenerator.SetSeed(0)
 beam = cantilever_beam.CantileverBeam()

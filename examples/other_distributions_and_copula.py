@@ -10,7 +10,7 @@ nothing else changes.
 import openturns as ot
 import openturns.viewer as otv
 
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import openturns as ot
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegressionResult
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.separation_problem import SeparationProblem
 
 ot.RandomGenerator.SetSeed(0)

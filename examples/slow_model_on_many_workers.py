@@ -13,8 +13,8 @@ import numpy as np
 import openturns as ot
 import openturns.viewer as otv
 
-from satsep_ot.methods.parallel_function import FunctionChunkError, ParallelFunction
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.parallel.function import FunctionChunkError, ParallelFunction
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 
 
 def deflection(x):
@@ -39,8 +39,8 @@ sample = np.array(distribution.getSample(64))
 
 # %%
 # Threads are enough for a model that waits. One that computes in Python needs processes, by
-# ``satsep_ot.methods.executors.processes``, or a Dask cluster, by ``daskExecutor``: the line with the executor is all
-# that changes.
+# ``satsep_ot.methods.parallel.executors.processes``, or a Dask cluster, by ``daskExecutor``: the line with the executor
+# is all that changes.
 seconds, values = {}, {}
 for workers in (1, 2, 4, 8):
     with ThreadPoolExecutor(workers) as executor:

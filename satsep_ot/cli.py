@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> int:
         return _fail(f"{where}{error.strerror or error}", 2)
     except (ValueError, RuntimeError) as error:
         # Our own errors say in one sentence what is wrong; anything else is a defect and keeps its traceback.
-        from satsep_ot.methods.chunk_scheduler import ChunkError
+        from satsep_ot.methods.parallel.scheduler import ChunkError
         from satsep_ot.model.case import CaseError
         from satsep_ot.model.separation_function import SeparationError
         from satsep_ot.studies.results_directory import DirectoryError
@@ -496,7 +496,7 @@ def _study(options):
 
     # A case that cannot be used is refused before the study's libraries are loaded.
     case = load_uncertain_case(options.case)
-    from satsep_ot.methods.standard_space import StandardSpace
+    from satsep_ot.methods.common.standard_space import StandardSpace
     from satsep_ot.model.separation_problem import SeparationProblem
     from satsep_ot.studies.separation_study import SeparationStudy
 
@@ -541,7 +541,7 @@ def _study(options):
 def _executor(options):
     """What makes the runs: processes, a Dask cluster, or (None) this process."""
     if options.dask is None:
-        from satsep_ot.methods.executors import processes
+        from satsep_ot.methods.parallel.executors import processes
 
         yield None if options.workers is None else processes(options.workers)
         return
@@ -549,14 +549,14 @@ def _executor(options):
 
     if find_spec("distributed") is None:
         raise ConnectionError("--dask needs the package distributed, which satsep-ot[distributed] installs")
-    from satsep_ot.methods.executors import daskExecutor
+    from satsep_ot.methods.parallel.executors import daskExecutor
 
     with daskExecutor(options.dask) as executor:
         yield executor
 
 
 def _print_study(name, study, verdicts, paths):
-    from satsep_ot.studies.verdicts import NO_ESTIMATE, TOO_RARE, best_row, headline, is_resolved
+    from satsep_ot.studies.telling.verdicts import NO_ESTIMATE, TOO_RARE, best_row, headline, is_resolved
 
     console = _console()
     console.print(f"[bold]{_plain(headline(verdicts))}[/bold]")
@@ -586,7 +586,7 @@ def _print_study(name, study, verdicts, paths):
 
 
 def _report(options):
-    from satsep_ot.studies.report import ReportError, write_report
+    from satsep_ot.studies.telling.report import ReportError, write_report
 
     try:
         path = write_report(options.directory)
@@ -597,7 +597,7 @@ def _report(options):
 
 
 def _benchmark(options):
-    from satsep_ot.methods.reliability_benchmark import ReliabilityBenchmark
+    from satsep_ot.methods.comparison.benchmark import ReliabilityBenchmark
     from satsep_ot.studies.method_benchmark import benchmark_tasks, open_benchmark_directory, table_keeper
 
     try:

@@ -4,13 +4,13 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.active_dimension import (
+from satsep_ot.methods.subspaces.dimension import (
     cross_validated_dimension,
     energy_dimension,
     gap_dimension,
     ladle_dimension,
 )
-from satsep_ot.methods.subspace_estimation import bootstrap_subspace, estimate_subspace
+from satsep_ot.methods.subspaces.estimation import bootstrap_subspace, estimate_subspace
 
 SPECTRA = {
     "isotropic": (0, np.ones(25)),

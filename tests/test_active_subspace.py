@@ -9,15 +9,15 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.function_noise import estimate_noise
-from satsep_ot.methods.subspace_estimation import (
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.estimation import (
     bootstrap_distances,
     bootstrap_subspace,
     estimate_subspace,
     reflected_bands,
     subspace_distance,
 )
+from satsep_ot.methods.subspaces.noise import estimate_noise
 
 
 @pytest.fixture(autouse=True)

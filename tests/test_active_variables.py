@@ -6,9 +6,9 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.active_variables import activeTransformation, inverseActiveTransformation, surrogate_degree
-from satsep_ot.methods.ridge_approximation import RidgeApproximation
-from satsep_ot.methods.standard_space import StandardSpace
+from satsep_ot.methods.common.standard_space import StandardSpace
+from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation
+from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation, surrogate_degree
 
 MARGINALS = [ot.Uniform(0.0, 2.0), ot.Gumbel(1.0, 2.0), ot.Normal(3.0, 0.1)]
 LAWS = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from separation_cases import BOX, symmetric_separation
 
-from satsep_ot.studies.animation import satellite_shape
+from satsep_ot.studies.telling.animation import satellite_shape
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchmarkProblems
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem, getBenchmarkProblems
 
 PROBLEMS = {problem.getName(): problem for problem in getBenchmarkProblems()}
 # Published values (otbenchmark; RP8: RPRepo; P2: Papaioannou 2015), and how far their authors' methods leave them off.

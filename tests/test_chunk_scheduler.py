@@ -27,9 +27,9 @@ from mischief import (
 )
 from process_tree import descendants, survivors
 
-from satsep_ot.methods import chunk_scheduler
-from satsep_ot.methods.chunk_scheduler import Chunk, ChunkError, ChunkScheduler, Work, endExecutor, workerNumber
-from satsep_ot.methods.executors import processes
+from satsep_ot.methods.parallel import scheduler as chunk_scheduler
+from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.scheduler import Chunk, ChunkError, ChunkScheduler, Work, endExecutor, workerNumber
 
 
 def chunks(number, rows=2):
@@ -296,8 +296,8 @@ def test_there_are_as_many_processes_as_processors_unless_told():
 WITHOUT = """
 import sys
 sys.modules.update({blocked})
-from satsep_ot.methods.chunk_scheduler import Work
-from satsep_ot.methods.executors import daskExecutor
+from satsep_ot.methods.parallel.scheduler import Work
+from satsep_ot.methods.parallel.executors import daskExecutor
 print(Work(abs).__reduce__()[1], len(Work(abs).payload) > 0)
 try:
     Work(lambda x: x).payload
@@ -397,7 +397,7 @@ import os
 import sys
 import time
 
-from satsep_ot.methods.executors import processes
+from satsep_ot.methods.parallel.executors import processes
 
 def process(_):
     time.sleep(0.2)

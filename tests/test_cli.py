@@ -13,7 +13,7 @@ import pytest
 
 import satsep_ot
 from satsep_ot import cli
-from satsep_ot.methods.chunk_scheduler import ChunkError
+from satsep_ot.methods.parallel.scheduler import ChunkError
 from satsep_ot.model.case import load_case
 from satsep_ot.model.separation_function import SeparationError
 

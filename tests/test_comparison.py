@@ -6,9 +6,9 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods import reliability_methods as c
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
-from satsep_ot.methods.comparison import ReliabilityComparison
+from satsep_ot.methods.comparison import methods as c
+from satsep_ot.methods.comparison.comparison import ReliabilityComparison
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem
 
 
 @pytest.fixture(autouse=True)

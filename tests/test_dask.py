@@ -14,10 +14,10 @@ import openturns as ot
 import pytest
 from mischief import Twice, die, hang
 
-from satsep_ot.methods.chunk_scheduler import workerNumber
-from satsep_ot.methods.executors import daskExecutor
-from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
-from satsep_ot.methods.parallel_function import FunctionChunkError, ParallelFunction
+from satsep_ot.methods.parallel.executors import daskExecutor
+from satsep_ot.methods.parallel.function import FunctionChunkError, ParallelFunction
+from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.parallel.scheduler import workerNumber
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

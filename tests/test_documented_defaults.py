@@ -7,16 +7,16 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.chunk_scheduler import ChunkScheduler
-from satsep_ot.methods.comparison import ReliabilityComparison
-from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
-from satsep_ot.methods.parallel_function import ParallelFunction
-from satsep_ot.methods.polynomial_basis import PolynomialBasis
-from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.ridge_approximation import RidgeApproximation
+from satsep_ot.methods.comparison.comparison import ReliabilityComparison
+from satsep_ot.methods.parallel.function import ParallelFunction
+from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.parallel.scheduler import ChunkScheduler
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
+from satsep_ot.methods.polynomials.distribution import PolynomialDistribution
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation
 
 FUNCTION = ot.SymbolicFunction(["a", "b", "c", "d"], ["a + b + c + d"])
 LAW = ot.Normal(4)

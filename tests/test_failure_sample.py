@@ -7,15 +7,15 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods import reliability
-from satsep_ot.methods.failure_sample import (
+from satsep_ot.methods.reliability import algorithm as reliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.reliability.sensitivity import (
     FailureSample,
     computeImportance,
     computeParameterSensitivity,
     computeProbability,
 )
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
 
 phi = ot.DistFunc.dNormal
 tail = ot.Normal().computeComplementaryCDF

@@ -14,11 +14,11 @@ from separation_cases import general_separation, symmetric_separation
 
 from satsep_ot.dynamics.separation import ForceLine, Springs, umbilical
 from satsep_ot.dynamics.simulation import simulate
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.case import load_case
-from satsep_ot.studies import figures
-from satsep_ot.studies.animation import animation_data
+from satsep_ot.studies.telling import figures
+from satsep_ot.studies.telling.animation import animation_data
 
 
 def row(method, probability, lower=None, upper=None, **more):
@@ -117,7 +117,7 @@ import io, sys, matplotlib
 def parameters():
     return {key: matplotlib.rcParams[key] for key in matplotlib.rcParams if key != "backend"}
 before = parameters()
-from satsep_ot.studies import figures
+from satsep_ot.studies.telling import figures
 figures.save_figure(figures.draw_density([1.0, 2.0], limit=1.5).figure, io.BytesIO())
 assert "matplotlib.pyplot" not in sys.modules
 assert parameters() == before

@@ -5,7 +5,7 @@ import openturns as ot
 import pytest
 from scipy.special import ndtr
 
-from satsep_ot.methods.importance_proposal import (
+from satsep_ot.methods.reliability.proposal import (
     GaussianMixture,
     ModeMixture,
     Pool,

@@ -65,7 +65,7 @@ print("ready", os.getpid(), *(child.pid for child in children), flush=True)
 time.sleep(30)
 """
 WITH_A_POOL = """
-from satsep_ot.methods.executors import processes
+from satsep_ot.methods.parallel.executors import processes
 pool = processes(2)()
 for _ in range(4):
     pool.submit(time.sleep, 30)
@@ -169,7 +169,7 @@ def test_a_process_whose_parent_has_ended_already_ends_at_once():
     pool = """
 import multiprocessing, os
 from types import SimpleNamespace
-from satsep_ot.methods.executors import _endWithParent
+from satsep_ot.methods.parallel.executors import _endWithParent
 parent, child = os.pipe()
 multiprocessing.parent_process = lambda: SimpleNamespace(sentinel=parent)
 os.close(child) if {} else None

@@ -4,9 +4,9 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.inverse_regression import localLinearDirections, slicedInverseRegression
-from satsep_ot.methods.subspace_estimation import subspace_distance
-from satsep_ot.methods.variable_projection import fit_ridge
+from satsep_ot.methods.subspaces.estimation import subspace_distance
+from satsep_ot.methods.subspaces.inverse_regression import localLinearDirections, slicedInverseRegression
+from satsep_ot.methods.subspaces.variable_projection import fit_ridge
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.comparison import ReliabilityComparison
-from satsep_ot.methods.limit_state_event import LimitStateEvent, checkedKind, errorMessage
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.comparison.comparison import ReliabilityComparison
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.limit_state import LimitStateEvent, checkedKind, errorMessage
 
 FUNCTION = ot.SymbolicFunction(["load", "length"], ["load * length"])
 VECTOR = ot.CompositeRandomVector(FUNCTION, ot.RandomVector(ot.Normal(2)))

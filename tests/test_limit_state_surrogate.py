@@ -8,8 +8,9 @@ import openturns as ot
 import pytest
 from scipy.stats import chi2, norm
 
-from satsep_ot.methods import limit_state_surrogate
-from satsep_ot.methods.limit_state_surrogate import (
+from satsep_ot.methods.common.standard_space import StandardSpace
+from satsep_ot.methods.reliability import surrogate as limit_state_surrogate
+from satsep_ot.methods.reliability.surrogate import (
     LimitStateSurrogate,
     RidgeModel,
     _fitModel,
@@ -17,7 +18,6 @@ from satsep_ot.methods.limit_state_surrogate import (
     normalisedRadius,
     radiusFromNormal,
 )
-from satsep_ot.methods.standard_space import StandardSpace
 
 
 def points(size, dimension, seed=0):

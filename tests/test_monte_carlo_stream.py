@@ -13,10 +13,10 @@ import pytest
 from mischief import Twice, forget_values, raise_error
 from scipy import stats
 
-from satsep_ot.methods import monte_carlo_stream
-from satsep_ot.methods.chunk_scheduler import ChunkError
-from satsep_ot.methods.executors import processes
-from satsep_ot.methods.monte_carlo_stream import BlockSummary, MonteCarloStream
+from satsep_ot.methods.parallel import monte_carlo_stream
+from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.monte_carlo_stream import BlockSummary, MonteCarloStream
+from satsep_ot.methods.parallel.scheduler import ChunkError
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

@@ -15,11 +15,11 @@ import pytest
 from mischief import Twice, die, forget_values, lose_rows, raise_error, return_text
 from scipy import integrate, stats
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.chunk_scheduler import _load
-from satsep_ot.methods.executors import processes
-from satsep_ot.methods.parallel_function import FunctionChunkError, ParallelFunction
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.function import FunctionChunkError, ParallelFunction
+from satsep_ot.methods.parallel.scheduler import _load
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -86,8 +86,8 @@ SCRIPT = """
 import math
 import sys
 import openturns as ot
-from satsep_ot.methods.chunk_scheduler import Work
-from satsep_ot.methods.parallel_function import FunctionWork
+from satsep_ot.methods.parallel.scheduler import Work
+from satsep_ot.methods.parallel.function import FunctionWork
 
 FACTOR = 3.0
 

@@ -8,8 +8,8 @@ import pytest
 from numpy.polynomial import hermite_e, legendre
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from satsep_ot.methods import polynomial_basis
-from satsep_ot.methods.polynomial_basis import (
+from satsep_ot.methods.polynomials import basis as polynomial_basis
+from satsep_ot.methods.polynomials.basis import (
     PolynomialBasis,
     fit_polynomial,
     number_of_terms,

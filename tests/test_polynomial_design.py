@@ -6,8 +6,8 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
-from satsep_ot.methods.polynomial_design import christoffelDesign, dOptimalDesign
+from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.polynomials.design import christoffelDesign, dOptimalDesign
 
 
 def test_weighted_normal_matrix_is_the_identity_on_average():

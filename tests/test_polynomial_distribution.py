@@ -7,9 +7,9 @@ import openturns as ot
 import pytest
 from scipy import special
 
-from satsep_ot.methods import polynomial_distribution
-from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials import distribution as polynomial_distribution
+from satsep_ot.methods.polynomials.distribution import PolynomialDistribution
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 
 
 def law_of(r, function, degree=4):

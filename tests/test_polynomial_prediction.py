@@ -4,9 +4,9 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods import polynomial_prediction
-from satsep_ot.methods.polynomial_basis import PolynomialBasis
-from satsep_ot.methods.polynomial_prediction import PolynomialPrediction
+from satsep_ot.methods.polynomials import prediction as polynomial_prediction
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
+from satsep_ot.methods.polynomials.prediction import PolynomialPrediction
 
 LAWS = [ot.Normal(), ot.Uniform(-1.0, 1.0), ot.Gamma(1.5, 1.0), ot.Beta(2.0, 3.0, 0.0, 1.0), ot.Gumbel()]
 

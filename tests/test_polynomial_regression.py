@@ -6,8 +6,8 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods import polynomial_regression
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials import regression as polynomial_regression
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 
 FUNCTION = ot.SymbolicFunction(["a", "b", "c"], ["1 + a * b + c^2 * a", "b^4 - a^3 * c"])
 LAWS = {

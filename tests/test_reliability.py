@@ -10,14 +10,14 @@ import openturns as ot
 import pytest
 from scipy.stats import norm
 
-from satsep_ot.methods import reliability
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
-from satsep_ot.methods.importance_proposal import GaussianMixture, ModeMixture, Pool, fitImportantRegion, paretoShape
-from satsep_ot.methods.limit_state_event import LimitStateEvent, callFunction
-from satsep_ot.methods.limit_state_surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.reliability_result import IntervalLaw, clopperPearson
-from satsep_ot.methods.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+from satsep_ot.methods.reliability import algorithm as reliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.limit_state import LimitStateEvent, callFunction
+from satsep_ot.methods.reliability.proposal import GaussianMixture, ModeMixture, Pool, fitImportantRegion, paretoShape
+from satsep_ot.methods.reliability.result import IntervalLaw, clopperPearson
+from satsep_ot.methods.reliability.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
+from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 
 
 @pytest.fixture(autouse=True)

@@ -11,17 +11,17 @@ import openturns as ot
 import pytest
 from mischief import Twice
 
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem
-from satsep_ot.methods.chunk_scheduler import ChunkError
-from satsep_ot.methods.executors import processes
-from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
-from satsep_ot.methods.reliability_benchmark import (
+from satsep_ot.methods.comparison.benchmark import (
     BenchmarkRow,
     BenchmarkTask,
     ReliabilityBenchmark,
     ReliabilityBenchmarkResult,
 )
-from satsep_ot.methods.reliability_methods import MonteCarlo, ReliabilityMethod, Row
+from satsep_ot.methods.comparison.methods import MonteCarlo, ReliabilityMethod, Row
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.parallel.scheduler import ChunkError
 
 TRUTH = 1e-2
 

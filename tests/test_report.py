@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from satsep_ot import cli
-from satsep_ot.methods.reliability_result import clopperPearson
+from satsep_ot.methods.reliability.result import clopperPearson
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies.report import COVERAGE, ReportError, _gain, render_report, write_report
 from satsep_ot.studies.separation_study import SeparationStudy
+from satsep_ot.studies.telling.report import COVERAGE, ReportError, _gain, render_report, write_report
 from tests.browser import PROGRAM, Browser
 
 CASE = """

@@ -6,15 +6,15 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
-from satsep_ot.methods.polynomial_regression import (
+from satsep_ot.methods.common.storage import readResult, writeResult
+from satsep_ot.methods.polynomials.regression import (
     MultivariatePolynomialRegression,
     MultivariatePolynomialRegressionResult,
 )
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
-from satsep_ot.methods.result_storage import readResult, writeResult
-from satsep_ot.methods.ridge_approximation import RidgeApproximation, RidgeApproximationResult
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
+from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation, RidgeApproximationResult
 
 CORRELATION = ot.CorrelationMatrix(3, [1.0, 0.4, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0, 1.0])
 LAWS = {

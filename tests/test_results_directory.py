@@ -10,7 +10,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.result_storage import TEMPORARY
+from satsep_ot.methods.common.storage import TEMPORARY
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem
 
 IDENTITY = {"case": "a1", "seed": 0, "methods": ["FORM", "SORM"], "versions": {"numpy": "2.4", "scipy": "1.17"}}

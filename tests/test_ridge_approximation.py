@@ -7,11 +7,11 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods import ridge_approximation, variable_projection
-from satsep_ot.methods.polynomial_basis import fit_polynomial
-from satsep_ot.methods.ridge_approximation import RidgeApproximation
-from satsep_ot.methods.subspace_estimation import orient, subspace_distance
-from satsep_ot.methods.variable_projection import _VariableProjection, cross_validate_ridge, fit_ridge
+from satsep_ot.methods.polynomials.basis import fit_polynomial
+from satsep_ot.methods.subspaces import ridge_approximation, variable_projection
+from satsep_ot.methods.subspaces.estimation import orient, subspace_distance
+from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation
+from satsep_ot.methods.subspaces.variable_projection import _VariableProjection, cross_validate_ridge, fit_ridge
 
 
 @pytest.fixture

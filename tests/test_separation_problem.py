@@ -4,7 +4,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.model.case import CaseError, Requirement, load_case, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 

@@ -2,7 +2,7 @@ import pytest
 import scipy.linalg  # noqa: F401  (the limits are set on libraries that are loaded)
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from satsep_ot.methods.single_thread import singleThread
+from satsep_ot.methods.common.single_thread import singleThread
 
 
 def threads():

@@ -5,7 +5,7 @@ import openturns as ot
 import pytest
 from scipy import special
 
-from satsep_ot.methods.standard_space import StandardSpace, nameInputs
+from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
 
 CORRELATION = ot.CorrelationMatrix([[1.0, 0.5], [0.5, 1.0]])
 MARGINALS = [ot.Gumbel(1.0, 2.0), ot.LogNormal(0.0, 0.3)]

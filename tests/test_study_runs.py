@@ -9,7 +9,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.cli import _print_study
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.drivers import scaled_case

@@ -6,8 +6,13 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.limit_state_event import LimitStateEvent
-from satsep_ot.methods.subset_simulation import SubsetEstimate, _levelVariation, _onePass, runSubsetSimulation
+from satsep_ot.methods.reliability.limit_state import LimitStateEvent
+from satsep_ot.methods.reliability.subset_simulation import (
+    SubsetEstimate,
+    _levelVariation,
+    _onePass,
+    runSubsetSimulation,
+)
 
 
 def limitState(limit, dimension=3, policy="raise", evaluate=None):

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from satsep_ot import cli
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
-from satsep_ot.methods.true_runs import TrueRuns
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import build_distribution
-from satsep_ot.studies.report import ReportError, render_report
+from satsep_ot.studies.telling.report import ReportError, render_report
 
 CASE = """
 [platform]

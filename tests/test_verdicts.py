@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from satsep_ot.methods.reliability_result import clopperPearson
-from satsep_ot.studies.verdicts import Verdict, best_row, contradiction, headline, judge, with_bound
+from satsep_ot.methods.reliability.result import clopperPearson
+from satsep_ot.studies.telling.verdicts import Verdict, best_row, contradiction, headline, judge, with_bound
 
 
 def row(method, lower, upper, converged=True):

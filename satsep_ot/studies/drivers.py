@@ -7,10 +7,10 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
-from satsep_ot.methods.active_subspace_result import ActiveSubspaceResult
-from satsep_ot.methods.limit_state_event import raiseInterrupt
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.limit_state import raiseInterrupt
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.model.inputs import ParameterMap, UncertainInput, interval_digits, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
@@ -142,7 +142,7 @@ def driver_shares(case: Case, subspaces: Sequence[ActiveSubspaceResult]) -> dict
     Parameters
     ----------
     case : :class:`satsep_ot.model.case.Case`
-    subspaces : sequence of :class:`satsep_ot.methods.active_subspace_result.ActiveSubspaceResult`
+    subspaces : sequence of :class:`satsep_ot.methods.subspaces.result.ActiveSubspaceResult`
         Of the components, one output each.
 
     Returns
@@ -166,7 +166,7 @@ def importance_shares(case: Case, result: ActiveSubspaceReliabilityResult) -> di
     Parameters
     ----------
     case : :class:`satsep_ot.model.case.Case`
-    result : :class:`satsep_ot.methods.reliability_result.ActiveSubspaceReliabilityResult`
+    result : :class:`satsep_ot.methods.reliability.result.ActiveSubspaceReliabilityResult`
 
     Returns
     -------
@@ -225,7 +225,7 @@ def tightened_probabilities(
     Parameters
     ----------
     case : :class:`satsep_ot.model.case.Case`
-    result : :class:`satsep_ot.methods.reliability_result.ActiveSubspaceReliabilityResult`
+    result : :class:`satsep_ot.methods.reliability.result.ActiveSubspaceReliabilityResult`
     names : sequence of str
         Of the tolerances.
     scale : float
@@ -300,7 +300,7 @@ def changed_probability(
 
     Returns
     -------
-    result : :class:`satsep_ot.methods.reliability_result.ActiveSubspaceReliabilityResult`
+    result : :class:`satsep_ot.methods.reliability.result.ActiveSubspaceReliabilityResult`
     """
     problem = SeparationProblem(case)
     given = None if requirement == SYSTEM else requirement

@@ -9,9 +9,9 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from openturns.viewer import View
 
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchmarkProblemNames
-from satsep_ot.methods.reliability_benchmark import BenchmarkTask, ReliabilityBenchmark, ReliabilityBenchmarkResult
-from satsep_ot.methods.result_storage import writeWhole
+from satsep_ot.methods.common.storage import writeWhole
+from satsep_ot.methods.comparison.benchmark import BenchmarkTask, ReliabilityBenchmark, ReliabilityBenchmarkResult
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem, getBenchmarkProblemNames
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.results_directory import ResultsDirectory, package_versions
 
@@ -63,17 +63,17 @@ def benchmark_names() -> list[str]:
 
 
 def benchmark_tasks(names: Sequence[str]) -> list[BenchmarkTask]:
-    """The problems of these names, ready for :class:`satsep_ot.methods.reliability_benchmark.ReliabilityBenchmark`.
+    """The problems of these names, ready for :class:`satsep_ot.methods.comparison.benchmark.ReliabilityBenchmark`.
 
     Parameters
     ----------
     names : sequence of str
         Of `benchmark_names`, or ``published`` or ``reference`` for all of them, or a variant of a published one as
-        :func:`satsep_ot.methods.benchmark_problems.getBenchmarkProblem` knows it, or ``variants`` for some.
+        :func:`satsep_ot.methods.comparison.problems.getBenchmarkProblem` knows it, or ``variants`` for some.
 
     Returns
     -------
-    tasks : list of :class:`satsep_ot.methods.reliability_benchmark.BenchmarkTask`
+    tasks : list of :class:`satsep_ot.methods.comparison.benchmark.BenchmarkTask`
 
     Raises
     ------
@@ -173,7 +173,7 @@ def table_keeper(benchmark: ReliabilityBenchmark, directory: str | os.PathLike) 
 
     Parameters
     ----------
-    benchmark : :class:`satsep_ot.methods.reliability_benchmark.ReliabilityBenchmark`
+    benchmark : :class:`satsep_ot.methods.comparison.benchmark.ReliabilityBenchmark`
     directory : path
         Exists.
 
@@ -200,7 +200,7 @@ def save_benchmark(result: ReliabilityBenchmarkResult, directory: str | os.PathL
 
     Parameters
     ----------
-    result : :class:`satsep_ot.methods.reliability_benchmark.ReliabilityBenchmarkResult`
+    result : :class:`satsep_ot.methods.comparison.benchmark.ReliabilityBenchmarkResult`
     directory : path
         Exists.
     drawn : bool

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from satsep_ot.methods.result_storage import TEMPORARY, writeWhole
+from satsep_ot.methods.common.storage import TEMPORARY, writeWhole
 
 ORIGIN = "origin.json"
 _FORMAT = 1

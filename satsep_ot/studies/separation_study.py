@@ -24,26 +24,27 @@ import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.springs import ForceLine
-from satsep_ot.methods.active_dimension import energy_dimension
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
-from satsep_ot.methods.limit_state_event import errorMessage, raiseInterrupt
-from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
-from satsep_ot.methods.reliability_methods import ActiveSubspace
-from satsep_ot.methods.reliability_result import ActiveSubspaceReliabilityResult, clopperPearson
-from satsep_ot.methods.result_storage import syncDirectory, toXML, writeWhole
-from satsep_ot.methods.true_runs import TrueRuns
+from satsep_ot.methods.common.storage import syncDirectory, toXML, writeWhole
+from satsep_ot.methods.comparison.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
+from satsep_ot.methods.comparison.methods import ActiveSubspace
+from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.reliability.limit_state import errorMessage, raiseInterrupt
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult, clopperPearson
+from satsep_ot.methods.reliability.true_runs import TrueRuns
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.dimension import energy_dimension
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies import drivers, figures
-from satsep_ot.studies.animation import animation_data
+from satsep_ot.studies import drivers
 from satsep_ot.studies.drivers import Violation
-from satsep_ot.studies.report import write_report
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.study_runs import BLOCK, inputs_digest, sample_inputs
-from satsep_ot.studies.verdicts import (
+from satsep_ot.studies.telling import figures
+from satsep_ot.studies.telling.animation import animation_data
+from satsep_ot.studies.telling.report import write_report
+from satsep_ot.studies.telling.verdicts import (
     NO_ESTIMATE,
     TOO_RARE,
     Verdict,
@@ -233,7 +234,8 @@ class SeparationStudy:
         return self._directory is not None and self._directory.path.resolve() == Path(directory).resolve()
 
     def setExecutor(self, executor: Executor | None) -> None:
-        """What runs the Monte Carlo sample, as for :class:`satsep_ot.methods.monte_carlo_stream.MonteCarloStream`.
+        """What runs the Monte Carlo sample, as for
+        :class:`satsep_ot.methods.parallel.monte_carlo_stream.MonteCarloStream`.
 
         The numbers do not depend on it. None (default) for the simulator's own threads.
         """
@@ -572,7 +574,8 @@ class SeparationStudy:
         return remarks
 
     def getVerdicts(self) -> list[Verdict]:
-        """Whether each requirement is met: :class:`satsep_ot.studies.verdicts.Verdict`, requirement by requirement."""
+        """Whether each requirement is met, requirement by requirement: a
+        :class:`satsep_ot.studies.telling.verdicts.Verdict` for each."""
         return [
             judge(
                 entry.name, [row for row in self._rows if row["requirement"] == entry.name], entry.allowed_probability

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.result_storage import fromXML
-from satsep_ot.methods.true_runs import TrueRuns
+from satsep_ot.methods.common.storage import fromXML
+from satsep_ot.methods.reliability.true_runs import TrueRuns
 
 # Runs of the Monte Carlo sample that are drawn from one seed.
 BLOCK = 1024
@@ -58,7 +58,7 @@ def load_runs(directory: str | os.PathLike, name: str, size: int | None = None) 
 
     Returns
     -------
-    runs : :class:`satsep_ot.methods.true_runs.TrueRuns`
+    runs : :class:`satsep_ot.methods.reliability.true_runs.TrueRuns`
         The event of the sample is that any requirement is violated.
 
     Raises

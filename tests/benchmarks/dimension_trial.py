@@ -14,8 +14,8 @@ import platform
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.active_dimension import energy_dimension, gap_dimension, ladle_dimension
-from satsep_ot.methods.subspace_estimation import bootstrap_subspace, estimate_subspace
+from satsep_ot.methods.subspaces.dimension import energy_dimension, gap_dimension, ladle_dimension
+from satsep_ot.methods.subspaces.estimation import bootstrap_subspace, estimate_subspace
 
 SEED = 0
 INPUTS = 25

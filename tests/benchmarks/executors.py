@@ -27,9 +27,9 @@ from importlib import metadata
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.executors import daskExecutor, processes
-from satsep_ot.methods.monte_carlo_stream import MonteCarloStream
-from satsep_ot.methods.parallel_function import ParallelFunction
+from satsep_ot.methods.parallel.executors import daskExecutor, processes
+from satsep_ot.methods.parallel.function import ParallelFunction
+from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

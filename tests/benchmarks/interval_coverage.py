@@ -12,9 +12,9 @@ import platform
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
-from satsep_ot.methods.subspace_estimation import subspace_distance
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.estimation import subspace_distance
 
 SEED = 0
 REPETITIONS = 200

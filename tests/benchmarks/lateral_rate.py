@@ -10,7 +10,7 @@ from importlib import metadata
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.active_subspace import ActiveSubspaceAlgorithm
+from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.case import Requirement
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem

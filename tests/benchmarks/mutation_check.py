@@ -78,42 +78,42 @@ FILES = {
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
     (
-        "methods/active_subspace.py",
+        "methods/subspaces/algorithm.py",
         "ahead = self._evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -1)",
         "ahead = self._evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -2)",
     ): "numpy takes every negative number for the one that is left",
     (
-        "methods/reliability.py",
+        "methods/reliability/algorithm.py",
         "pool = Pool.draw(mixture, _POOL_SIZE // 20, generator)",
         "pool = Pool.draw(mixture, _POOL_SIZE // 21, generator)",
     ): "how many points tell the share of a mode, for which some fewer do as well",
     (
-        "methods/polynomial_basis.py",
+        "methods/polynomials/basis.py",
         "block = max(256, BLOCK_NUMBERS // self.size)",
         "block = max(257, BLOCK_NUMBERS // self.size)",
     ): "how many points are worked on at once, which changes time alone",
     (
-        "methods/active_subspace_result.py",
+        "methods/subspaces/result.py",
         "self._setCost(0, 0, None, None)",
         "self._setCost(1, 0, None, None)",
     ): "the algorithm that makes the result sets these before anyone can ask",
     (
-        "methods/subspace_estimation.py",
+        "methods/subspaces/estimation.py",
         "np.where(possible, square / np.where(possible, lower, 1.0), upper),",
         "np.where(possible, square / np.where(possible, lower, 0.5), upper),",
     ): "a number that is only not to be 0",
     (
-        "methods/limit_state_surrogate.py",
+        "methods/reliability/surrogate.py",
         "directions = linear.coefficients[1:, None] / max(np.linalg.norm(linear.coefficients[1:]), 1e-300)",
         "directions = linear.coefficients[1:, None] / max(np.linalg.norm(linear.coefficients[1:]), 5e-301)",
     ): "a number that is only not to be 0",
     (
-        "methods/polynomial_basis.py",
+        "methods/polynomials/basis.py",
         "lost = slack < LOST_SLACK",
         "lost = slack <= LOST_SLACK",
     ): "they differ where rounding decides anyhow",
     (
-        "methods/importance_proposal.py",
+        "methods/reliability/proposal.py",
         "lower, upper = (lower, middle) if variation(middle) <= 2.5 else (middle, upper)",
         "lower, upper = (lower, middle) if variation(middle) < 2.5 else (middle, upper)",
     ): "they differ where rounding decides anyhow",
@@ -123,43 +123,43 @@ EQUIVALENT = {
         "if square <= smallest:",
     ): "of two places that are equally near, either is the answer",
     (
-        "methods/limit_state_surrogate.py",
+        "methods/reliability/surrogate.py",
         "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 1e-300))",
         "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 2e-300))",
     ): "a number that is only not to be 0",
     (
-        "methods/polynomial_basis.py",
+        "methods/polynomials/basis.py",
         "block = max(256, BLOCK_NUMBERS // width)",
         "block = max(257, BLOCK_NUMBERS // width)",
     ): "how many points are worked on at once, which changes time alone",
     (
-        "methods/polynomial_distribution.py",
+        "methods/polynomials/distribution.py",
         "upper = probability > 0.5",
         "upper = probability > 0.25",
     ): "the tail that the root is looked for through, of which either has its digits between a quarter and a half",
     (
-        "methods/polynomial_basis.py",
+        "methods/polynomials/basis.py",
         "factor = np.zeros((1, 1))",
         "factor = np.zeros((1, 2))",
     ): "of this placeholder only the diagonal is looked at, and it is 0 either way",
     (
-        "methods/subspace_estimation.py",
+        "methods/subspaces/estimation.py",
         "ROWS_FOR_CHOLESKY = 4",
         "ROWS_FOR_CHOLESKY = 5",
     ): "from which size on the quicker of two ways is taken, which give the same",
     (
-        "methods/active_subspace_result.py",
+        "methods/subspaces/result.py",
         "gradients, bootstrapSize, max(self._largest, dimension or 0), self._scales, weights",
         "gradients, bootstrapSize, max(self._largest, dimension or 1), self._scales, weights",
     ): "the other number is never smaller than 1",
     **{
-        ("methods/standard_space.py", "CHECK_LEVELS = (0.5, 0.84, 0.05)", f"CHECK_LEVELS = {levels}"): (
+        ("methods/common/standard_space.py", "CHECK_LEVELS = (0.5, 0.84, 0.05)", f"CHECK_LEVELS = {levels}"): (
             "one of the points at which a transformation is checked, for which any other serves"
         )
         for levels in ("(0.5, 0.84, 0.1)", "(0.25, 0.84, 0.05)")
     },
     (
-        "methods/subspace_estimation.py",
+        "methods/subspaces/estimation.py",
         "block = max(1, 4_000_000 // (max(d, len(rows)) * d))",
         "block = max(1, 4_000_000 // (min(d, len(rows)) * d))",
     ): "how many replicates are worked on at once, which changes memory alone",

@@ -13,8 +13,8 @@ from importlib import metadata
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.limit_state_event import callFunction
-from satsep_ot.methods.standard_space import StandardSpace
+from satsep_ot.methods.common.standard_space import StandardSpace
+from satsep_ot.methods.reliability.limit_state import callFunction
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.method_benchmark import REFERENCE_RUNS, REFERENCE_VIOLATIONS

@@ -11,8 +11,8 @@ from importlib import metadata
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods import benchmark_problems
-from satsep_ot.methods.benchmark_problems import getBenchmarkProblem, getBenchmarkProblems
+from satsep_ot.methods.comparison import problems as benchmark_problems
+from satsep_ot.methods.comparison.problems import getBenchmarkProblem, getBenchmarkProblems
 
 CHUNK = 200_000
 

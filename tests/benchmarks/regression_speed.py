@@ -22,10 +22,10 @@ import scipy
 from numpy.polynomial import hermite_e
 from scipy.linalg import lapack
 
-from satsep_ot.methods.polynomial_basis import PolynomialBasis, fit_polynomial
-from satsep_ot.methods.polynomial_distribution import PolynomialDistribution
-from satsep_ot.methods.polynomial_regression import MultivariatePolynomialRegression
-from satsep_ot.methods.subspace_estimation import bootstrap_distances, bootstrap_subspace, estimate_subspace
+from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.polynomials.distribution import PolynomialDistribution
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.subspaces.estimation import bootstrap_distances, bootstrap_subspace, estimate_subspace
 
 ot.TBB.SetThreadsNumber(1)
 

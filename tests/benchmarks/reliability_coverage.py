@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.reliability import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.studies.method_benchmark import benchmark_tasks
 
 # Runs that each problem may take at 0.05 and above; elsewhere the default of the algorithm.

@@ -1,0 +1,1 @@
+"""What all methods share: standard space, storage, linear algebra on one thread."""

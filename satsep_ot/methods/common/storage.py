@@ -1,0 +1,240 @@
+"""A result in one file: an .npz archive of its arrays, a JSON document, and OpenTURNS' own XML for its objects."""
+
+import contextlib
+import dataclasses
+import json
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+from xml.etree import ElementTree
+
+import numpy as np
+import openturns as ot
+
+# Stands in the document for an array of the archive.
+_ARRAY = "\x00array"
+# What a killed process leaves of a file that was not complete begins so.
+TEMPORARY = ".unfinished-"
+
+
+def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) -> Path:
+    """Write a file that is there complete or not at all, even where the power fails in the middle.
+
+    Parameters
+    ----------
+    path : str or path
+        An earlier file of that name stays until the new one is complete.
+    write : callable
+        Writes the content to the binary stream that it is given.
+
+    Returns
+    -------
+    path : :py:class:`pathlib.Path`
+
+    Raises
+    ------
+    FileNotFoundError
+        The folder does not exist.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from satsep_ot.methods.common.storage import writeWhole
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     writeWhole(f"{directory}/text", lambda stream: stream.write(b"content")).read_text()
+    'content'
+    """
+    path = Path(path)
+    if not path.parent.is_dir():
+        # The error of the system would name the temporary file.
+        raise FileNotFoundError(f"{path} cannot be written: there is no folder {path.parent}")
+    temporary = path.with_name(f"{TEMPORARY}{os.getpid()}-{os.urandom(4).hex()}")
+    try:
+        with temporary.open("xb") as stream:
+            write(stream)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(temporary, path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    syncDirectory(path.parent)
+    return path
+
+
+def syncDirectory(path: str | os.PathLike) -> None:
+    """Let the names of the files in a directory survive a power failure; their contents have calls of their own."""
+    directory = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(directory)
+    finally:
+        os.close(directory)
+
+
+def toXML(thing: Any) -> str:
+    """An OpenTURNS object as XML text."""
+    with _file() as path:
+        study = ot.Study()
+        study.setStorageManager(ot.XMLStorageManager(str(path)))
+        study.add("object", thing)
+        study.save()
+        return path.read_text(encoding="utf-8")
+
+
+def fromXML(text: str, thing: Any) -> Any:
+    """Fill an empty OpenTURNS object of the right class from `toXML`'s text, and return it.
+
+    Raises
+    ------
+    ValueError
+        The text is no XML, or holds a Python object: OpenTURNS stores these as pickles, which can execute anything
+        when they are loaded.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.common.storage import fromXML, toXML
+    >>> fromXML(toXML(ot.Normal(0.1, 1.0 / 3.0)), ot.Normal()).getParameter()[1] == 1.0 / 3.0
+    True
+    """
+    try:
+        tree = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"the text is no XML: {error}") from error
+    for element in tree.iter():
+        if "python" in element.get("class", "").lower():
+            raise ValueError(
+                f"the text holds a {element.get('class')}, a pickle that can execute anything; only OpenTURNS' own "
+                "objects are loaded"
+            )
+    with _file() as path:
+        # Written anew, so that OpenTURNS reads what was checked, without entities and document types.
+        path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True))
+        study = ot.Study()
+        study.setStorageManager(ot.XMLStorageManager(str(path)))
+        study.load()
+        study.fillObject("object", thing)
+    return thing
+
+
+@contextlib.contextmanager
+def _file():
+    with tempfile.TemporaryDirectory() as directory:
+        yield Path(directory) / "object.xml"
+
+
+def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
+    """Write named fields: plain values, arrays, dataclasses of these, and OpenTURNS objects.
+
+    An event whose function is in Python is left out: it would be stored as code that runs on loading.
+
+    Parameters
+    ----------
+    path : str or path
+        Ends on ``.npz``.
+    kind : str
+        What the file holds and in which version, for `readResult`.
+    fields : dict
+
+    Raises
+    ------
+    ValueError
+        The name ends on something else, or an OpenTURNS object is in Python.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.common.storage import readResult, writeResult
+    >>> with tempfile.TemporaryDirectory() as directory:
+    ...     writeResult(f"{directory}/a.npz", "A 1", {"x": np.ones(2), "law": ot.Normal(0.0, 3.0), "n": 3})
+    ...     fields = readResult(f"{directory}/a.npz", "A 1", objects={"law": ot.Distribution()})
+    >>> print(fields["x"], fields["law"], fields["n"])
+    [1. 1.] Normal(mu = 0, sigma = 3) 3
+    """
+    path = Path(path)
+    if path.suffix != ".npz":
+        raise ValueError(f"the file is {path}; its name must end on .npz")
+    arrays, document = {}, {"format": kind}
+    for name, value in fields.items():
+        if name == "event" and _isPython(value):
+            value = None
+        if dataclasses.is_dataclass(value):
+            content = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+            arrays |= {f"{name}.{key}": part for key, part in content.items() if isinstance(part, np.ndarray)}
+            document[name] = {
+                key: _plain(key, part) for key, part in content.items() if not isinstance(part, np.ndarray)
+            }
+        elif isinstance(value, np.ndarray):
+            arrays[name] = value
+            document[name] = _ARRAY
+        else:
+            document[name] = _plain(name, value)
+    arrays["document"] = np.array(json.dumps(document))
+    writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))  # type: ignore[arg-type]
+
+
+def _isPython(thing):
+    """Whether an OpenTURNS object is made of Python.
+
+    Looked at before it is made XML: the pickle of a function takes all that it refers to along.
+    """
+    return "class=Python" in repr(thing)
+
+
+def _plain(name, value):
+    """A value that JSON knows: OpenTURNS objects become XML."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if value is None or isinstance(value, (bool, int, float, str, list, dict)):
+        return value
+    if _isPython(value):
+        raise ValueError(f"the {name} is made of Python code, which is not stored: it would run on loading")
+    return toXML(value)
+
+
+def readResult(
+    path: str | os.PathLike, kind: str, classes: dict | None = None, objects: dict | None = None
+) -> dict[str, Any]:
+    """The fields that `writeResult` has written.
+
+    Parameters
+    ----------
+    path : str or path
+    kind : str
+        As it was written.
+    classes : dict, optional
+        Dataclass of each field that is one.
+    objects : dict, optional
+        An empty OpenTURNS object for each field that is one.
+
+    Raises
+    ------
+    ValueError
+        The file is not such a result.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        document = json.loads(str(arrays.pop("document")))
+        if document.pop("format") != kind:
+            raise KeyError("format")
+    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path} holds no {kind.split()[0]} of this version, as its save() writes it") from error
+    fields = {}
+    for name, value in document.items():
+        if value == _ARRAY:
+            fields[name] = arrays[name]
+        elif value is not None and name in (classes or {}):
+            prefix = f"{name}."
+            parts = {key.removeprefix(prefix): array for key, array in arrays.items() if key.startswith(prefix)}
+            fields[name] = classes[name](**value, **parts)
+        elif value is not None and name in (objects or {}):
+            fields[name] = fromXML(value, objects[name])
+        else:
+            fields[name] = value
+    return fields

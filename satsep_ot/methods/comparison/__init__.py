@@ -1,0 +1,1 @@
+"""Reliability methods side by side, on one event or on published problems."""

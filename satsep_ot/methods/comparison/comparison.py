@@ -1,0 +1,320 @@
+"""Run reliability methods on one event under the same accounting: evaluations, gradients, seconds, failures to run."""
+
+import csv
+import dataclasses
+import io
+import time
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import openturns as ot
+
+from satsep_ot.methods.comparison.methods import (
+    METHODS,
+    CountedProblem,
+    Counter,
+    MonteCarlo,
+    ReliabilityMethod,
+    Row,
+    countingFunction,
+    makeMethod,
+)
+from satsep_ot.methods.reliability.limit_state import (
+    Limit,
+    callFunction,
+    checkedKind,
+    errorMessage,
+    eventKind,
+    raiseInterrupt,
+)
+
+__all__ = [
+    "DEFAULT_METHODS",
+    "METHODS",
+    "MonteCarlo",
+    "ReliabilityComparison",
+    "ReliabilityComparisonResult",
+    "ReliabilityMethod",
+    "Row",
+]
+
+DEFAULT_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
+
+
+class ReliabilityComparison:
+    """Several methods on one event, with every evaluation and gradient counted.
+
+    An exception is a row with its message and without a probability.
+
+    Parameters
+    ----------
+    event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
+    methods : sequence of str or ReliabilityMethod, optional
+        Names of `METHODS` for default settings. By default ActiveSubspace, FORM, SORM, SubsetSampling, MonteCarlo.
+
+    Raises
+    ------
+    TypeError
+        The event is none of these.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.comparison.comparison import MonteCarlo, ReliabilityComparison
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
+    >>> event = ot.ThresholdEvent(vector, ot.Greater(), 2.0)
+    >>> comparison = ReliabilityComparison(event, ["FORM", MonteCarlo(size=10000)])
+    >>> comparison.run()
+    >>> rows = comparison.getResult().getRows()
+    >>> f"{rows[0].probability:.5f}", rows[0].lower95, rows[1].evaluations
+    ('0.02275', None, 10000)
+    """
+
+    def __init__(
+        self,
+        event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent,
+        methods: Sequence[str | ReliabilityMethod] | None = None,
+    ) -> None:
+        checkedKind(event)
+        self._event = event
+        self._methods = [makeMethod(method) for method in (DEFAULT_METHODS if methods is None else methods)]
+        self._components = None
+        self._progressCallback = None
+        self._rowCallback = None
+        self._runsCallback = None
+        self._stopCallback = None
+        self._result: ReliabilityComparisonResult | None = None
+
+    def __repr__(self) -> str:
+        return f"ReliabilityComparison(methods={[method.name for method in self._methods]})"
+
+    def setComponents(
+        self,
+        function: ot.Function,
+        composition: ot.Function,
+        smoothIndices: Sequence[int] | None = None,
+        surrogateComposition: ot.Function | None = None,
+    ) -> None:
+        """Components for ActiveSubspace, see :meth:`ActiveSubspaceReliability.setComponents`."""
+        kind = eventKind(self._event)
+        if kind != "ThresholdEvent":
+            raise TypeError(f"components can be given for a ThresholdEvent only, not for a {kind}")
+        self._components = (function, composition, smoothIndices, surrogateComposition)
+
+    def setProgressCallback(self, callback: Callable[[str, float], None] | None) -> None:
+        """Called with the name of the running method and its percentage: 0 at its start, 100 at its end."""
+        self._progressCallback = callback
+
+    def setRowCallback(self, callback: Callable[[Row], None] | None) -> None:
+        """Called with the row of each method as soon as it is there."""
+        self._rowCallback = callback
+
+    def setRunsCallback(self, callback: Callable[[np.ndarray, np.ndarray], None] | None) -> None:
+        """Called with the inputs (n, d) and outputs (n, p) of every true run, in the order of their making."""
+        self._runsCallback = callback
+
+    def setStopCallback(self, callback: Callable[[], bool] | None) -> None:
+        """When it returns True the running method ends with what it has, and no other is started."""
+        self._stopCallback = callback
+
+    def run(self) -> None:
+        """Run the methods one after the other."""
+        self._result = ReliabilityComparisonResult([])
+        for method in self._methods:
+            if self._stopCallback is not None and self._stopCallback():
+                return
+            row = self._runMethod(method)
+            self._result.getRows().append(row)
+            if self._rowCallback is not None:
+                self._rowCallback(row)
+
+    def getResult(self) -> "ReliabilityComparisonResult":
+        """Accessor to the rows; those so far, when run() was interrupted."""
+        if self._result is None:
+            raise RuntimeError("there is no result yet; call run() first")
+        return self._result
+
+    def _runMethod(self, method):
+        counter = Counter(self._runsCallback)
+
+        def report(percentage):
+            if self._progressCallback is not None:
+                self._progressCallback(method.name, percentage)
+            return bool(self._stopCallback is not None and self._stopCallback())
+
+        report(0.0)
+        start = time.perf_counter()
+        try:
+            row = method.run(self._problem(counter, report))
+        except Exception as error:
+            raiseInterrupt(error)
+            row = Row(method.name, note=f"{type(error).__name__}: {errorMessage(error)}")
+        row.seconds = time.perf_counter() - start
+        row.evaluations, row.gradients = counter.evaluations, counter.gradients
+        report(100.0)
+        return row
+
+    def _problem(self, counter, report):
+        limit = Limit.of(self._event)
+        distribution = limit.vector.getDistribution()
+        components = self._components
+        if eventKind(self._event) == "ThresholdEvent":
+            function = limit.function
+            operator, threshold = self._event.getOperator(), self._event.getThreshold()
+        else:
+            # Any other event becomes: its limit state function is at most 0; the outputs are its components.
+            function = ot.PythonFunction(
+                limit.function.getInputDimension(),
+                1,
+                func_sample=lambda x: limit.margin(callFunction(limit.function, np.asarray(x, dtype=float)))[:, None],
+            )
+            operator, threshold = ot.LessOrEqual(), 0.0
+            if components is None:
+                composition = ot.PythonFunction(
+                    limit.function.getOutputDimension(),
+                    1,
+                    func_sample=lambda y: limit.margin(np.asarray(y, dtype=float))[:, None],
+                )
+                components = (limit.function, composition, None, None)
+        counting = countingFunction(function, counter, distribution)
+        vector = ot.CompositeRandomVector(counting, ot.RandomVector(distribution))
+        event = ot.ThresholdEvent(vector, operator, threshold)
+        if components is not None:
+            components = (countingFunction(components[0], counter, distribution), *components[1:])
+        compare = Limit.of(event).margin
+
+        return CountedProblem(
+            event, distribution, counter, components, lambda x: compare(callFunction(counting, x)) <= 0.0, report
+        )
+
+
+class ReliabilityComparisonResult:
+    """Rows of a `ReliabilityComparison`.
+
+    Parameters
+    ----------
+    rows : list of Row
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.comparison import ReliabilityComparisonResult, Row
+    >>> result = ReliabilityComparisonResult([Row("FORM", 1e-3, evaluations=12, converged=True)])
+    >>> print(result.toCSV().splitlines()[1])
+    FORM,0.001,,,,12,0,0.0,True,
+    """
+
+    def __init__(self, rows: list[Row]) -> None:
+        self._rows = rows
+
+    def __repr__(self) -> str:
+        return f"ReliabilityComparisonResult(methods={[row.method for row in self._rows]})"
+
+    def getRows(self) -> list[Row]:
+        """Accessor to the rows."""
+        return self._rows
+
+    def getRow(self, method: str) -> Row:
+        """The row of a method."""
+        for row in self._rows:
+            if row.method == method:
+                return row
+        raise ValueError(f"there is no row for {method!r}; there are {[row.method for row in self._rows]}")
+
+    def getTable(self) -> list[dict]:
+        """The rows as dictionaries of plain numbers, ready for JSON."""
+        return [dataclasses.asdict(row) for row in self._rows]
+
+    def toCSV(self) -> str:
+        """The rows as comma-separated values with a header; what a method does not have is empty."""
+        stream = io.StringIO()
+        writer = csv.DictWriter(stream, [field.name for field in dataclasses.fields(Row)], lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(self.getTable())
+        return stream.getvalue()
+
+    def toMarkdown(self) -> str:
+        """The rows as a Markdown table."""
+        return markdownTable(self._cells(), 1)
+
+    def toText(self) -> str:
+        """The same table with aligned columns, and below it what the methods say of their results."""
+        notes = [f"{row.method}: {row.note}" for row in self._rows if row.note]
+        return "\n\n".join(
+            part for part in (textTable([row[:-1] for row in self._cells()], 1), "\n".join(notes)) if part
+        )
+
+    def _cells(self):
+        rows = [
+            ["" if v is None else f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values()]
+            for row in self.getTable()
+        ]
+        return [[field.name for field in dataclasses.fields(Row)], *rows]
+
+    def drawProbabilities(self) -> ot.Graph:
+        """Probability of each method with its 95 % interval, on a logarithmic axis."""
+        graph = ot.Graph("Probability by method", "probability", "", True, "upper left")
+        # The legend stands beside the axes, where it hides nothing, in the order of the bars.
+        graph.setLegendCorner([1.02, 1.0])
+        graph.setTickLocation(ot.GraphImplementation.TICKX)
+        shown = [row for row in self._rows if row.probability]
+        for place, row in enumerate(shown):
+            height = -float(place)
+            color = ot.Drawable.BuildDefaultPalette(len(shown))[place]
+            graph.add(ot.Cloud([[row.probability, height]], color, "fcircle", row.method))
+            if row.lower95 is not None and row.lower95 > 0.0:
+                bar = ot.Curve([row.lower95, row.upper95], [height, height])
+                bar.setColor(color)
+                bar.setLineWidth(2.0)
+                graph.add(bar)
+        graph.setLogScale(ot.GraphImplementation.LOGX)
+        return graph
+
+
+def markdownTable(cells: list[list[str]], names: int) -> str:
+    """A Markdown table whose first columns are names and whose other columns are numbers.
+
+    Parameters
+    ----------
+    cells : list of rows of str
+        The first row is the header.
+    names : int
+        Number of columns that are aligned on the left.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.comparison import markdownTable
+    >>> print(markdownTable([["method", "runs"], ["FORM", "12"]], 1))
+    | method | runs |
+    | --- | ---: |
+    | FORM | 12 |
+    """
+    header, *rows = [[cell.replace("|", "\\|") for cell in row] for row in cells]
+    rule = "|" + " --- |" * names + " ---: |" * (len(header) - names)
+    return "\n".join([f"| {' | '.join(header)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def textTable(cells: list[list[str]], names: int) -> str:
+    """The same with columns that are aligned by spaces.
+
+    Parameters
+    ----------
+    cells : list of rows of str
+        The first row is the header.
+    names : int
+        Number of columns that are aligned on the left.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.comparison import textTable
+    >>> print(textTable([["method", "runs"], ["FORM", "12"]], 1))
+    method  runs
+    FORM      12
+    """
+    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
+    return "\n".join(
+        "  ".join(
+            text.ljust(width) if column < names else text.rjust(width)
+            for column, (text, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in cells
+    )

@@ -1,0 +1,632 @@
+"""Reliability problems whose probability of failure is known, to test methods on.
+
+A problem is a vectorised function of an ``(n, d)`` array, an input distribution, a limit and a reference probability
+with its source. `getBenchmarkProblems` lists them all; to add one, write a function that returns a `BenchmarkProblem`
+and name it in ``_FACTORIES``. Each is also there rotated, in other units and, where its probability is known for any
+number of inputs, with another number of them: see `getBenchmarkProblem`.
+
+RP problems: A. Rozsas and A. Slobbe, Repository and Black-box Reliability Challenge 2019 (the RPRepo), as in
+otbenchmark. FourBranch: P.-H. Waarts, Structural reliability using finite element methods, TU Delft (2000). P2:
+I. Papaioannou et al., Probabilistic Engineering Mechanics 41 (2015).
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import openturns as ot
+from scipy.fft import irfft, rfft
+from scipy.integrate import quad
+from scipy.special import erf, ndtr
+
+from satsep_ot.methods.common.standard_space import StandardSpace
+
+__all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblemNames", "getBenchmarkProblems"]
+
+
+class BenchmarkProblem:
+    """A failure event with a known probability.
+
+    The event is ``composition(components(X)) <= 0``.
+
+    Parameters
+    ----------
+    name : str
+        Short unique name.
+    distribution : :py:class:`openturns.Distribution`
+        Distribution of the d inputs.
+    components : callable
+        Maps an ``(n, d)`` array on an ``(n, p)`` array of smooth outputs.
+    outputDimension : int
+        p.
+    composition : callable, optional
+        Maps an ``(n, p)`` array on the ``(n,)`` values of the limit state function. By default p is 1 and the component
+        is the limit state function.
+    probability : float
+        Reference probability of failure.
+    source : str
+        Where the reference comes from.
+    probabilityError : float
+        Relative standard error of the probability, where that comes from sampling.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+    >>> problem = getBenchmarkProblem("P1")
+    >>> problem.getEvent().getFunction().getInputDimension()
+    100
+    >>> print(f"{problem.getProbability():.4e}")
+    2.3263e-04
+    """
+
+    def __init__(
+        self,
+        name: str,
+        distribution: ot.Distribution,
+        components: Callable,
+        probability: float,
+        source: str,
+        outputDimension: int = 1,
+        composition: Callable | None = None,
+        probabilityError: float = 0.0,
+    ) -> None:
+        self._name = name
+        self._distribution = distribution
+        self._components = components
+        self._outputDimension = outputDimension
+        self._composition = composition
+        self._probability = probability
+        self._source = source
+        self._probabilityError = probabilityError
+
+    def __repr__(self) -> str:
+        return f"BenchmarkProblem(name={self._name}, probability={self._probability:.4e})"
+
+    def getName(self) -> str:
+        """Accessor to the short name."""
+        return self._name
+
+    def getProbability(self) -> float:
+        """Accessor to the reference probability of failure."""
+        return self._probability
+
+    def getProbabilityError(self) -> float:
+        """Accessor to the relative standard error of the reference probability."""
+        return self._probabilityError
+
+    def getSource(self) -> str:
+        """Where the reference probability comes from."""
+        return self._source
+
+    def getDistribution(self) -> ot.Distribution:
+        """Accessor to the distribution of the inputs."""
+        return self._distribution
+
+    def evaluate(self, inputs: np.ndarray) -> np.ndarray:
+        """The limit state function, at most 0 in failure.
+
+        Parameters
+        ----------
+        inputs : array (n, d)
+
+        Returns
+        -------
+        values : array (n,)
+        """
+        values = self._components(np.asarray(inputs, dtype=float))
+        return values.reshape(-1) if self._composition is None else self._composition(values)
+
+    def getFunction(self) -> ot.Function:
+        """The limit state function as an OpenTURNS function with one output."""
+        return _batchFunction(self._distribution.getDimension(), 1, lambda x: self.evaluate(x)[:, None])
+
+    def getEvent(self) -> ot.ThresholdEvent:
+        """The event: limit state function at most 0."""
+        vector = ot.CompositeRandomVector(self.getFunction(), ot.RandomVector(self._distribution))
+        return ot.ThresholdEvent(vector, ot.LessOrEqual(), 0.0)
+
+    def getComponents(self) -> tuple[ot.Function, ot.Function]:
+        """The smooth components and the composition that turns them into the limit state function.
+
+        Returns
+        -------
+        function, composition : pair of :py:class:`openturns.Function`
+        """
+        p = self._outputDimension
+        function = _batchFunction(self._distribution.getDimension(), p, lambda x: self._components(x).reshape(-1, p))
+        if self._composition is None:
+            composition = ot.IdentityFunction(1)
+        else:
+            composition = _batchFunction(p, 1, lambda y: self._composition(y)[:, None])
+        return function, composition
+
+    def rotated(self, seed: int = 0) -> "BenchmarkProblem":
+        """The same problem turned in its standard space, so that no input is special: standard normal inputs u, of
+        which Q u are the standard normal inputs of this problem, with a random orthogonal Q.
+
+        Parameters
+        ----------
+        seed : int
+            Of Q, which is uniform over all orthogonal matrices (QR of a Gaussian matrix: Stewart, SIAM J. Numer.
+            Anal. 17, 1980).
+
+        Returns
+        -------
+        problem : BenchmarkProblem
+            Of the same probability.
+
+        Examples
+        --------
+        >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+        >>> print(getBenchmarkProblem("RP8").rotated().getDistribution().getMean())
+        [0,0,0,0,0,0]
+        """
+        space = StandardSpace(self._distribution)
+        factor, triangle = np.linalg.qr(np.random.default_rng(seed).standard_normal((space.getDimension(),) * 2))
+        transposed = (factor * np.sign(np.diag(triangle))).T
+        return BenchmarkProblem(
+            f"{self._name}-rotated",
+            ot.Normal(space.getDimension()),
+            lambda u: self._components(space.toPhysical(u @ transposed)),
+            self._probability,
+            self._source,
+            self._outputDimension,
+            self._composition,
+            self._probabilityError,
+        )
+
+    def rescaled(self, seed: int = 0) -> "BenchmarkProblem":
+        """The same problem in other units: every input, every component and the limit state function times a power
+        of 10 of its own.
+
+        Parameters
+        ----------
+        seed : int
+            Of the exponents, whole numbers from -6 to 6.
+
+        Returns
+        -------
+        problem : BenchmarkProblem
+            Of the same probability.
+
+        Examples
+        --------
+        >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+        >>> print(getBenchmarkProblem("RP54").rescaled().getDistribution().getMean()[:3])
+        [100000,100,1]
+        """
+        d, p = self._distribution.getDimension(), self._outputDimension
+        powers = 10.0 ** np.random.default_rng(seed).integers(-6, 7, d + p + 1)
+        inputUnits, outputUnits, limitUnit = powers[:d], powers[d:-1], powers[-1]
+        marginals = [self._distribution.getMarginal(i) * float(unit) for i, unit in enumerate(inputUnits)]
+        composition = self._composition
+        return BenchmarkProblem(
+            f"{self._name}-rescaled",
+            ot.JointDistribution(marginals, self._distribution.getCopula()),
+            lambda x: outputUnits * self._components(x / inputUnits).reshape(-1, p),
+            self._probability,
+            self._source,
+            p,
+            None if composition is None else lambda y: limitUnit * composition(y / outputUnits),
+            self._probabilityError,
+        )
+
+
+def _batchFunction(inputDimension: int, outputDimension: int, evaluate: Callable) -> ot.Function:
+    return ot.PythonFunction(
+        inputDimension, outputDimension, func_sample=lambda x: evaluate(np.asarray(x, dtype=float))
+    )
+
+
+def _cosineDirection(dimension: int, index: int) -> np.ndarray:
+    """Unit vectors in general position, orthonormal for different indices from 1: those of the cosine transform."""
+    return math.sqrt(2.0 / dimension) * np.cos(math.pi * index * (np.arange(dimension) + 0.5) / dimension)
+
+
+def _gaussianExpectation(function: Callable) -> float:
+    """E[function(Z)] for a standard normal Z, by the trapezoidal rule on [-12, 12]."""
+    z = np.linspace(-12.0, 12.0, 24001)
+    return float(np.sum(function(z) * np.exp(-0.5 * z**2)) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi))
+
+
+def _normalProbability(z):
+    return np.asarray(ot.DistFunc.pNormal(np.atleast_1d(z).tolist()))
+
+
+def _linear(dimension: int = 100) -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "P1",
+        ot.Normal(dimension),
+        lambda u: 3.5 - u.sum(axis=1) / math.sqrt(dimension),
+        ot.DistFunc.pNormal(-3.5),
+        "closed form Phi(-3.5)",
+    )
+
+
+def _quadratic(dimension: int = 40) -> BenchmarkProblem:
+    probability = _gaussianExpectation(lambda t: _normalProbability(-(4.0 + 2.5 * t**2)))
+    return BenchmarkProblem(
+        "P2",
+        ot.Normal(dimension),
+        lambda u: 4.0 + 1.25 * (u[:, 0] - u[:, 1]) ** 2 - u.sum(axis=1) / math.sqrt(dimension),
+        probability,
+        "quadrature of Phi(-(4 + 5/2 t^2)); Papaioannou et al. (2015) give 6.62e-6",
+    )
+
+
+def _noisyRidge() -> BenchmarkProblem:
+    w = _cosineDirection(30, 1)
+
+    def evaluate(u):
+        y = u @ w
+        return 3.6 - y - 0.05 * y**2 - 0.01 * y**3 + 0.35 * np.sin(3.0 * u).sum(axis=1) / math.sqrt(30.0)
+
+    return BenchmarkProblem(
+        "P3",
+        ot.Normal(30),
+        evaluate,
+        NOISY_RIDGE_PROBABILITY,
+        "importance sampling shifted by 3 along the ridge, 2e7 points, coefficient of variation 0.05 %",
+        probabilityError=5e-4,
+    )
+
+
+def _twoModes(dimension: int = 50) -> BenchmarkProblem:
+    q1, q2, q3 = (_cosineDirection(dimension, k) for k in (1, 2, 3))
+    w2 = math.cos(2.2) * q1 + math.sin(2.2) * q2
+
+    def components(u):
+        return np.column_stack([3.2 - u @ q1, 3.4 - u @ w2 + 0.2 * (u @ q3) ** 2])
+
+    # P(both safe) = E over t = u.q3 of the bivariate normal distribution function of correlation cos(2.2).
+    pair = ot.Normal([0.0] * 2, [1.0] * 2, ot.CorrelationMatrix([[1.0, math.cos(2.2)], [math.cos(2.2), 1.0]]))
+    t = np.linspace(-8.0, 8.0, 401)
+    safe = np.array([pair.computeCDF([3.2, 3.4 + 0.2 * tau**2]) for tau in t])
+    density = np.exp(-0.5 * t**2) / math.sqrt(2.0 * math.pi)
+    probability = float(np.sum((1.0 - safe) * density) * (t[1] - t[0]))
+    return BenchmarkProblem(
+        "P4",
+        ot.Normal(dimension),
+        components,
+        probability,
+        "quadrature of the bivariate normal distribution function",
+        outputDimension=2,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+def _radial(dimension: int = 20) -> BenchmarkProblem:
+    squaredRadius = ot.ChiSquare(dimension).computeQuantile(1e-3, True)[0]
+    return BenchmarkProblem(
+        "P5",
+        ot.Normal(dimension),
+        lambda u: squaredRadius - (u**2).sum(axis=1),
+        1e-3,
+        "closed form: chi-square quantile",
+    )
+
+
+def _hiddenFailure(dimension: int = 20) -> BenchmarkProblem:
+    q1, q2 = (_cosineDirection(dimension, k) for k in (1, 2))
+    probability = _gaussianExpectation(lambda a: _normalProbability(-(3.0 + np.maximum(5.0 - 0.5 * a, 0.0) / 10.0)))
+    return BenchmarkProblem(
+        "P6",
+        ot.Normal(dimension),
+        lambda u: 5.0 - 0.5 * (u @ q1) - 10.0 * np.maximum(u @ q2 - 3.0, 0.0),
+        probability,
+        "quadrature of Phi(-(3 + max(5 - a/2, 0)/10))",
+    )
+
+
+def _norm1() -> BenchmarkProblem:
+    # Each |u_i| rounded to a grid, and twenty of them added by Fourier convolution.
+    step, size = 0.005, 2**15
+    cells = np.diff(erf((np.arange(size) + 0.5) * step / math.sqrt(2.0)), prepend=0.0)
+    total = irfft(rfft(cells) ** 20, size)
+    limit = round(29.5 / step)
+    return BenchmarkProblem(
+        "P7",
+        ot.Normal(20),
+        lambda u: 29.5 - np.abs(u).sum(axis=1),
+        float(total[limit + 1 :].sum() + 0.5 * total[limit]),
+        "convolution of twenty half-normal densities",
+    )
+
+
+def _rp8() -> BenchmarkProblem:
+    logNormal = [
+        ot.LogNormalMuSigma(mu, sigma).getDistribution() for mu, sigma in [(120, 12)] * 4 + [(50, 10), (40, 8)]
+    ]
+    return BenchmarkProblem(
+        "RP8",
+        ot.JointDistribution(logNormal),
+        lambda x: x @ np.array([1.0, 2.0, 2.0, 1.0, -5.0, -5.0]),
+        7.89793e-4,
+        "convolution of the six densities by OpenTURNS; the RPRepo gives 7.84e-4",
+    )
+
+
+def _rp14() -> BenchmarkProblem:
+    distribution = ot.JointDistribution(
+        [
+            ot.Uniform(70.0, 80.0),
+            ot.Normal(39.0, 0.1),
+            ot.GumbelMuSigma(1500.0, 350.0).getDistribution(),
+            ot.Normal(400.0, 0.1),
+            ot.Normal(250000.0, 35000.0),
+        ]
+    )
+
+    def evaluate(x):
+        stress = 32.0 / (math.pi * x[:, 1] ** 3) * np.sqrt(x[:, 2] ** 2 * x[:, 3] ** 2 / 16.0 + x[:, 4] ** 2)
+        return x[:, 0] - stress
+
+    # The uniform input fails below the stress; the two that hardly vary need few nodes.
+    nodes, weights = np.polynomial.hermite_e.hermegauss(3)
+    z = np.linspace(-8.0, 8.0, 321)
+    density = np.exp(-0.5 * z**2) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi)
+    force = np.asarray(distribution.getMarginal(2).computeQuantile(ndtr(z).tolist())).reshape(-1)
+    grid = np.meshgrid(0.0, 39.0 + 0.1 * nodes, force, 400.0 + 0.1 * nodes, 250000.0 + 35000.0 * z, indexing="ij")
+    stress = -evaluate(np.column_stack([axis.reshape(-1) for axis in grid])).reshape(3, 321, 3, 321)
+    failed = np.clip((stress - 70.0) / 10.0, 0.0, 1.0)
+    probability = float(np.einsum("ijkl,i,j,k,l", failed, weights, density, weights, density, optimize=True))
+    return BenchmarkProblem(
+        "RP14",
+        distribution,
+        evaluate,
+        probability / (2.0 * math.pi),
+        "quadrature; otbenchmark gives 7.7285e-4",
+    )
+
+
+def _rp22() -> BenchmarkProblem:
+    # In the rotated axes a, b: failure when a >= 2.5 + 0.2 b^2.
+    return BenchmarkProblem(
+        "RP22",
+        ot.Normal(2),
+        lambda x: 2.5 - (x[:, 0] + x[:, 1]) / math.sqrt(2.0) + 0.1 * (x[:, 0] - x[:, 1]) ** 2,
+        _gaussianExpectation(lambda b: _normalProbability(-(2.5 + 0.2 * b**2))),
+        "quadrature; otbenchmark gives 4.207305e-3",
+    )
+
+
+def _rp54() -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "RP54",
+        ot.JointDistribution([ot.Exponential(1.0)] * 20),
+        lambda x: x.sum(axis=1) - 8.951,
+        ot.Gamma(20.0, 1.0).computeCDF(8.951),
+        "closed form: Gamma distribution; otbenchmark gives 9.98e-4",
+    )
+
+
+def _rp63() -> BenchmarkProblem:
+    chiSquare = ot.ChiSquare(99.0)
+    grid = np.linspace(30.0, 200.0, 20001)
+    density = np.asarray(chiSquare.computePDF(ot.Sample(grid[:, None]))).reshape(-1)
+    probability = float(np.sum(density * _normalProbability(4.5 - 0.1 * grid)) * (grid[1] - grid[0]))
+    return BenchmarkProblem(
+        "RP63",
+        ot.Normal(100),
+        lambda x: 0.1 * (x[:, 1:] ** 2).sum(axis=1) - x[:, 0] - 4.5,
+        probability,
+        "quadrature over the chi-square; otbenchmark gives 3.79e-4",
+    )
+
+
+def _rp91() -> BenchmarkProblem:
+    mean, deviation = (0.07433, 0.1, 13.0, 4751.0, -684.0), (0.005, 0.01, 60.0, 48.0, 11.0)
+
+    def components(x):
+        x1, x2, x3, x4, x5 = x.T
+        first = 0.847 + 0.96 * x2 + 0.986 * x3 - 0.216 * x4 + 0.077 * x2**2 + 0.11 * x3**2 + 7.0 / 378.0 * x4**2
+        first += -x3 * x2 - 0.106 * x2 * x4 - 0.11 * x3 * x4
+        return np.column_stack(
+            [
+                first,
+                84000.0 * x1 / np.sqrt(x3**2 + x4**2 - x3 * x4 + 3.0 * x5**2) - 1.0,
+                84000.0 * x1 / np.abs(x4) - 1.0,
+            ]
+        )
+
+    # The first component stays above 3e5, so it fails where x1 is below the larger of two stresses over 84000.
+    nodes, weights = np.polynomial.hermite_e.hermegauss(12)
+    z = np.linspace(-8.0, 8.0, 1601)
+    x3, x4, x5 = np.meshgrid(13.0 + 60.0 * z, 4751.0 + 48.0 * nodes, -684.0 + 11.0 * nodes, indexing="ij")
+    stress = np.maximum(np.sqrt(x3**2 + x4**2 - x3 * x4 + 3.0 * x5**2), np.abs(x4))
+    conditional = ndtr((stress / 84000.0 - 0.07433) / 0.005)
+    density = np.exp(-0.5 * z**2) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi)
+    probability = float(np.einsum("ijk,i,j,k", conditional, density, weights, weights)) / (2.0 * math.pi)
+    return BenchmarkProblem(
+        "RP91",
+        ot.Normal(mean, deviation, ot.CorrelationMatrix(5)),
+        components,
+        probability,
+        "quadrature; otbenchmark gives 6.97e-4",
+        outputDimension=3,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+def _rp107(dimension: int = 10) -> BenchmarkProblem:
+    return BenchmarkProblem(
+        "RP107",
+        ot.Normal(dimension),
+        lambda x: 5.0 * math.sqrt(dimension) - x.sum(axis=1),
+        ot.DistFunc.pNormal(-5.0),
+        "closed form Phi(-5); otbenchmark gives 2.92e-7",
+    )
+
+
+def _fourBranch() -> BenchmarkProblem:
+    def components(x):
+        total, difference = (x[:, 0] + x[:, 1]) / math.sqrt(2.0), x[:, 0] - x[:, 1]
+        curved = 3.0 + 0.1 * difference**2
+        linear = 7.0 / math.sqrt(2.0)
+        return np.column_stack([curved - total, curved + total, linear + difference, linear - difference])
+
+    # In the rotated axes a = total, b = difference / sqrt(2): safe when |a| < 3 + 0.2 b^2 and |b| < 3.5.
+    curvedFailure, _ = quad(lambda b: 2.0 * ndtr(-(3.0 + 0.2 * b**2)) * ot.DistFunc.dNormal(b), -3.5, 3.5)
+    probability = float(curvedFailure + 2.0 * ndtr(-3.5))
+    return BenchmarkProblem(
+        "FourBranch",
+        ot.Normal(2),
+        components,
+        probability,
+        "quadrature; otbenchmark gives 2.222795e-3",
+        outputDimension=4,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+# Eight outputs of 35 inputs, each a slightly curved ridge with a little variation outside of it.
+_RIDGE_NAMES = ("speed", "rate_x", "rate_y", "rate_z", "gap_1", "gap_2", "gap_3", "gap_4")
+
+
+def _ridgeOutputs(u: np.ndarray) -> np.ndarray:
+    directions = np.array([_cosineDirection(35, k) for k in range(1, 9)])
+    y = u @ directions.T
+    remainder = 0.01 * np.sin(2.0 * u).sum(axis=1) / math.sqrt(35.0)
+    speed = 0.598 + 0.0025 * (y[:, 0] - 0.02 * y[:, 0] ** 2 + remainder)
+    rateX, rateY, rateZ = (
+        scale * (y[:, k] + 0.02 * y[:, 0] * y[:, k] + 0.01 * y[:, k] ** 2 + remainder)
+        for k, scale in ((1, 0.614), (2, 0.371), (3, 0.6))
+    )
+    gaps = []
+    for k, angle in enumerate(np.pi / 4.0 + np.arange(4) * np.pi / 2.0):
+        drift = 0.8 * (math.cos(angle) * y[:, 1] + math.sin(angle) * y[:, 3]) + 0.6 * y[:, 4 + k]
+        gaps.append(30.0 - 3.4 * (drift + 0.02 * drift**2 + remainder))
+    return np.column_stack([speed, rateX, rateY, rateZ, *gaps])
+
+
+_RIDGE_LIMITS: dict[str, Callable] = {
+    "Speed35": lambda q: (q[:, 0] - 0.590) / 0.0025,
+    "Norm35": lambda q: 2.5 - np.hypot(q[:, 1], q[:, 3]),
+    "Absolute35": lambda q: 1.0 - np.abs(q[:, 2]),
+    "Minimum35": lambda q: (q[:, 4:].min(axis=1) - 18.0) / 3.4,
+}
+_RIDGE_LIMITS["System35"] = lambda q: np.min([limit(q) for limit in list(_RIDGE_LIMITS.values())[:4]], axis=0)
+
+
+def _ridgeFactory(name: str) -> Callable[[], BenchmarkProblem]:
+    return lambda: BenchmarkProblem(
+        name,
+        ot.Normal(35),
+        _ridgeOutputs,
+        RIDGE_PROBABILITIES[name],
+        "Monte Carlo, 1e8 points",
+        outputDimension=len(_RIDGE_NAMES),
+        composition=_RIDGE_LIMITS[name],
+        probabilityError=1e-4 / math.sqrt(RIDGE_PROBABILITIES[name]),
+    )
+
+
+NOISY_RIDGE_PROBABILITY = 1.9643e-3
+RIDGE_PROBABILITIES = {
+    "Speed35": 1.27951e-3,
+    "Norm35": 2.4002e-4,
+    "Absolute35": 7.17186e-3,
+    "Minimum35": 1.86184e-3,
+    "System35": 1.044157e-2,
+}
+
+_FACTORIES: dict[str, Callable[..., BenchmarkProblem]] = {
+    "P1": _linear,
+    "P2": _quadratic,
+    "P3": _noisyRidge,
+    "P4": _twoModes,
+    "P5": _radial,
+    "P6": _hiddenFailure,
+    "P7": _norm1,
+    "RP8": _rp8,
+    "RP14": _rp14,
+    "RP22": _rp22,
+    "RP54": _rp54,
+    "RP63": _rp63,
+    "RP91": _rp91,
+    "RP107": _rp107,
+    "FourBranch": _fourBranch,
+    **{name: _ridgeFactory(name) for name in _RIDGE_LIMITS},
+}
+
+
+# Problems whose probability is known for any number of inputs, and the least number that they need.
+_SMALLEST_DIMENSIONS = {"P1": 1, "P2": 2, "P4": 4, "P5": 1, "P6": 3, "RP107": 1}
+
+
+def getBenchmarkProblem(name: str) -> BenchmarkProblem:
+    """The benchmark problem of that name.
+
+    Parameters
+    ----------
+    name : str
+        One of `getBenchmarkProblemNames`, and after it, joined by hyphens and applied in this order from the left:
+        ``d`` and a number of inputs (P1, P2, P4, P5, P6 and RP107), ``rotated``, ``rescaled``.
+
+    Raises
+    ------
+    ValueError
+        When there is no such problem.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+    >>> getBenchmarkProblem("RP107")
+    BenchmarkProblem(name=RP107, probability=2.8665e-07)
+    >>> getBenchmarkProblem("P1-d20-rotated").getDistribution().getDimension()
+    20
+    """
+    base, *variants = name.split("-")
+    if base not in _FACTORIES:
+        raise ValueError(f"no benchmark problem is called {name!r}; there are {', '.join(_FACTORIES)}")
+    problem = _FACTORIES[base]()
+    for place, variant in enumerate(variants):
+        if variant == "rotated":
+            problem = problem.rotated()
+        elif variant == "rescaled":
+            problem = problem.rescaled()
+        elif place == 0 and variant.startswith("d") and variant[1:].isdecimal():
+            problem = _resized(base, int(variant[1:]))
+        else:
+            raise ValueError(
+                f"{name!r} is no variant of a benchmark problem; after {base} there can be d and a number of inputs, "
+                "rotated, rescaled, in this order and joined by hyphens"
+            )
+    return problem
+
+
+def _resized(name: str, dimension: int) -> BenchmarkProblem:
+    if name not in _SMALLEST_DIMENSIONS:
+        raise ValueError(
+            f"{name} has one number of inputs; another one can be had of {', '.join(_SMALLEST_DIMENSIONS)}"
+        )
+    least = _SMALLEST_DIMENSIONS[name]
+    if not least <= dimension <= 1000:
+        raise ValueError(f"{name} is there with {least} to 1000 inputs, not with {dimension}")
+    problem = _FACTORIES[name](dimension)
+    problem._name = f"{name}-d{dimension}"
+    return problem
+
+
+def getBenchmarkProblemNames() -> list[str]:
+    """Names of all benchmark problems.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblemNames
+    >>> getBenchmarkProblemNames()[:3]
+    ['P1', 'P2', 'P3']
+    """
+    return list(_FACTORIES)
+
+
+def getBenchmarkProblems() -> list[BenchmarkProblem]:
+    """All benchmark problems.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblems
+    >>> [problem.getName() for problem in getBenchmarkProblems()][:3]
+    ['P1', 'P2', 'P3']
+    """
+    return [factory() for factory in _FACTORIES.values()]

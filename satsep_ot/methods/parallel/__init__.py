@@ -1,0 +1,1 @@
+"""Many runs of a function: chunks on any executor, streams of Monte Carlo runs."""

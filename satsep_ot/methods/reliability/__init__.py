@@ -1,0 +1,1 @@
+"""Probability of an event: surrogates, proposals, true runs, sensitivities."""

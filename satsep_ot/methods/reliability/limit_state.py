@@ -1,0 +1,360 @@
+"""An OpenTURNS event seen from the standard normal space: true runs, their failures, a limit state of components."""
+
+import ctypes
+import dataclasses
+import math
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import openturns as ot
+
+from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
+
+NON_FINITE_POLICIES = ("raise", "failure", "safe")
+# What OpenTURNS adds to the message of an error in a Python function: a traceback for each function in between.
+_TRACEBACK = re.compile(r"\s*Traceback \(most recent call last\):\n(?:[ \t].*\n)+.*\n?\s*")
+
+
+@dataclasses.dataclass
+class Runs:
+    """True runs: points in standard and physical space, outputs, limit state values (at most 0 in failure), labels.
+
+    ``phases`` says what each one was made for. A run of the estimate has its density over that it was drawn from in
+    ``weights``, which is NaN for others, and the surrogate's probability of failure there in ``expected``.
+    """
+
+    u: np.ndarray
+    x: np.ndarray
+    outputs: np.ndarray
+    margins: np.ndarray
+    failed: np.ndarray
+    finite: np.ndarray
+    phases: np.ndarray
+    weights: np.ndarray
+    expected: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+    @staticmethod
+    def concatenate(parts: "list[Runs]") -> "Runs":
+        """All runs of the parts, in order."""
+        return Runs(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in dataclasses.fields(Runs)))
+
+
+@dataclasses.dataclass
+class Limit:
+    """Inputs, function and limit state of an event: margin (n,) of outputs (n, p), at most 0 in failure."""
+
+    vector: ot.RandomVector
+    function: ot.Function
+    margin: Callable
+
+    @staticmethod
+    def of(event: Any) -> "Limit":
+        """The limit state of an event, refusing what has none with the reason."""
+        kind = checkedKind(event)
+        if kind in ("UnionEvent", "IntersectionEvent"):
+            combine = np.min if kind == "UnionEvent" else np.max
+            # One that was wrapped, as OpenTURNS wraps the members of others, has its own methods inside.
+            inner = event.getImplementation() if event.getClassName() == "RandomVector" else event
+            parts = [Limit.of(member) for member in inner.getEventCollection()]
+            sizes = np.cumsum([part.function.getOutputDimension() for part in parts])[:-1]
+
+            def margin(outputs):
+                pieces = np.split(outputs, sizes, axis=1)
+                return combine([part.margin(piece) for part, piece in zip(parts, pieces, strict=True)], axis=0)
+
+            return Limit(parts[0].vector, ot.AggregatedFunction([part.function for part in parts]), margin)
+        vector = event.getAntecedent()
+        if kind == "ThresholdEvent":
+            compare = thresholdMargin(event.getOperator(), event.getThreshold())
+            return Limit(vector, event.getFunction(), lambda outputs: compare(outputs[:, 0]))
+        domain = event.getDomain().getImplementation()
+        if isinstance(domain, ot.Interval):
+            return Limit(vector, event.getFunction(), _intervalMargin(domain))
+        if isinstance(domain, ot.LevelSet):
+            compare = thresholdMargin(domain.getOperator(), domain.getLevel())
+            level = domain.getFunction()
+            return Limit(vector, event.getFunction(), lambda outputs: compare(callFunction(level, outputs)[:, 0]))
+        raise TypeError(
+            f"a DomainEvent on a {type(domain).__name__} has no limit state function; give an Interval or a LevelSet"
+        )
+
+
+def eventKind(event: Any) -> str:
+    """Class name of an event, also of one that is wrapped as a RandomVector."""
+    name = event.getClassName()
+    if name != "RandomVector":
+        return name
+    return repr(event).split("implementation=class=")[1].split()[0].removesuffix("Implementation")
+
+
+def checkedKind(event: Any) -> str:
+    """Class name of an event that can be treated.
+
+    Raises
+    ------
+    TypeError
+        It is none: a function, for instance.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.reliability.limit_state import checkedKind
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("a", "a"), ot.RandomVector(ot.Normal()))
+    >>> checkedKind(ot.ThresholdEvent(vector, ot.Greater(), 2.0))
+    'ThresholdEvent'
+    """
+    # Python's own objects, and some of OpenTURNS', have no such name.
+    kind = eventKind(event) if hasattr(event, "getClassName") else type(event).__name__
+    if kind not in ("ThresholdEvent", "DomainEvent", "UnionEvent", "IntersectionEvent"):
+        raise TypeError(
+            f"the event is a {kind}; give a ThresholdEvent, UnionEvent, IntersectionEvent or DomainEvent, of a "
+            "function f for instance ot.ThresholdEvent(ot.CompositeRandomVector(f, ot.RandomVector(distribution)), "
+            "ot.Greater(), threshold)"
+        )
+    return kind
+
+
+def thresholdMargin(operator: ot.ComparisonOperator, threshold: float) -> Callable:
+    """Function of values (n,) that is at most 0 where the operator holds between the value and the threshold."""
+    if not math.isfinite(threshold):
+        raise ValueError(f"the threshold of the event is {threshold}; it must be finite")
+    if operator.compare(-1.0, 0.0) == operator.compare(1.0, 0.0):
+        raise ValueError(
+            f"the comparison of the event is {operator.getImplementation().getClassName()}; give one with a side, "
+            "such as Greater or LessOrEqual"
+        )
+    # 0 > 0 tells a strict operator, -1 < 0 one that looks below.
+    strict = not operator.compare(0.0, 0.0)
+    sign = 1.0 if operator.compare(-1.0, 0.0) else -1.0
+
+    def margin(values):
+        result = sign * (values - threshold)
+        return np.where(result == 0.0, np.finfo(float).tiny, result) if strict else result
+
+    return margin
+
+
+def _intervalMargin(domain: ot.Interval) -> Callable:
+    bounds = [
+        (j, sign, bound)
+        for sign, side, finite in (
+            (1.0, domain.getUpperBound(), domain.getFiniteUpperBound()),
+            (-1.0, domain.getLowerBound(), domain.getFiniteLowerBound()),
+        )
+        for j, bound in enumerate(side)
+        if finite[j]
+    ]
+    if not bounds:
+        raise ValueError("the domain of the event has no finite bound, so every point is in it")
+    return lambda outputs: np.max([sign * (outputs[:, j] - bound) for j, sign, bound in bounds], axis=0)
+
+
+def callFunction(function: ot.Function, points: np.ndarray) -> np.ndarray:
+    """An OpenTURNS function at points (n, d), as a new array (n, p)."""
+    points = np.ascontiguousarray(points, dtype=float)
+    sample = ot.Sample(*points.shape)
+    # OpenTURNS reads an array number by number, 25 times slower. A new sample shares its memory with no other one.
+    ctypes.memmove(sample.__array_interface__["data"][0], points.ctypes.data, points.nbytes)
+    return np.array(function(sample), dtype=float)
+
+
+def raiseInterrupt(error: BaseException) -> None:
+    """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
+    if "KeyboardInterrupt" in str(error):
+        raise KeyboardInterrupt from error
+
+
+def errorMessage(error: BaseException) -> str:
+    """The message of an error on one line, without what OpenTURNS adds where it passes through its functions.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.reliability.limit_state import errorMessage
+    >>> errorMessage(RuntimeError("mass = -1\\nTraceback (most recent call last):\\n  File 'a'\\nValueError: x\\n"))
+    'mass = -1'
+    """
+    plain = " ".join(_TRACEBACK.sub("\n", str(error)).split())
+    return re.sub(r"\b(InternalException|InvalidArgumentException) : ", "", plain)
+
+
+class LimitStateEvent:
+    """What an algorithm needs to know of an event.
+
+    Parameters
+    ----------
+    event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
+        A domain is an Interval or a LevelSet.
+    function, composition : :py:class:`openturns.Function`, optional
+        One true run is one evaluation of ``function``; ``composition`` of its outputs is the variable that a
+        ThresholdEvent compares with its threshold.
+    smoothIndices : sequence of int, optional
+        Outputs of ``function`` that are modelled. By default all.
+    surrogateComposition : :py:class:`openturns.Function`, optional
+        Composition of the outputs in ``smoothIndices``. By default ``composition``.
+    nonFinitePolicy : str
+        What a run with a NaN or infinite output is: ``"raise"`` an error, a ``"failure"`` or ``"safe"``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        Where the event cannot be treated, with the reason.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.reliability.limit_state import LimitStateEvent
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "2 * x"), ot.RandomVector(ot.Normal()))
+    >>> event = LimitStateEvent(ot.ThresholdEvent(vector, ot.Greater(), 5.0))
+    >>> runs = event.evaluate(np.array([[2.0], [3.0]]))
+    >>> runs.failed.tolist(), runs.margins.tolist()
+    ([False, True], [1.0, -1.0])
+    """
+
+    def __init__(
+        self,
+        event: ot.ThresholdEvent | ot.UnionEvent | ot.IntersectionEvent | ot.DomainEvent,
+        function: ot.Function | None = None,
+        composition: ot.Function | None = None,
+        smoothIndices: Sequence[int] | None = None,
+        surrogateComposition: ot.Function | None = None,
+        nonFinitePolicy: str = "raise",
+    ) -> None:
+        if nonFinitePolicy not in NON_FINITE_POLICIES:
+            raise ValueError(
+                f"the policy for non-finite outputs is {nonFinitePolicy!r}; give one of {NON_FINITE_POLICIES}"
+            )
+        self._checkValue = None
+        self.nonFinitePolicy = nonFinitePolicy
+        self.nonFiniteNumber = 0
+        kind = eventKind(event)
+        limit = Limit.of(event)
+        self.space = StandardSpace(nameInputs(limit.vector.getDistribution(), limit.function))
+        self.distribution = self.space.getDistribution()
+        self.dimension = self.space.getDimension()
+        if function is None:
+            self.function = limit.function
+            self._margin = limit.margin
+            self.smoothIndices = list(range(self.function.getOutputDimension()))
+            self._surrogateMargin = limit.margin
+            return
+        if kind != "ThresholdEvent":
+            raise TypeError(f"components can be given for a ThresholdEvent only, not for a {kind}")
+        outputs = function.getOutputDimension()
+        if function.getInputDimension() != self.dimension:
+            raise ValueError(
+                f"the component function has {function.getInputDimension()} inputs, but the event's distribution has "
+                f"{self.dimension}"
+            )
+        if composition.getInputDimension() != outputs or composition.getOutputDimension() != 1:
+            raise ValueError(
+                f"the composition must map the {outputs} outputs of the component function on 1 value, but it maps "
+                f"{composition.getInputDimension()} on {composition.getOutputDimension()}"
+            )
+        self.smoothIndices = list(range(outputs)) if smoothIndices is None else [int(i) for i in smoothIndices]
+        if not self.smoothIndices or not all(0 <= i < outputs for i in self.smoothIndices):
+            raise ValueError(f"the smooth indices are {self.smoothIndices}; they must lie in 0 to {outputs - 1}")
+        reduced = composition if surrogateComposition is None else surrogateComposition
+        if reduced.getInputDimension() != len(self.smoothIndices) or reduced.getOutputDimension() != 1:
+            raise ValueError(
+                f"the composition of the surrogate must map the {len(self.smoothIndices)} smooth outputs on 1 value, "
+                f"but it maps {reduced.getInputDimension()} on {reduced.getOutputDimension()}"
+            )
+        self.function = function
+        self._threshold = event.getThreshold()
+        self._checkValue = lambda x: limit.margin(callFunction(limit.function, x))
+        self._margin = lambda values: limit.margin(callFunction(composition, values))
+        self._surrogateMargin = lambda values: limit.margin(callFunction(reduced, values))
+
+    def surrogateMargin(self, values: np.ndarray) -> np.ndarray:
+        """Limit state (n,), at most 0 in failure, of the modelled outputs (n, p).
+
+        Raises
+        ------
+        RuntimeError
+            The composition is not defined everywhere: surrogates reach values that no run has.
+        """
+        rule = "the composition of the components must be defined for all their values, also where surrogates reach"
+        try:
+            margin = self._surrogateMargin(values)
+        except Exception as error:
+            raiseInterrupt(error)
+            raise RuntimeError(f"{rule}: {error}") from error
+        undefined = np.isnan(margin)
+        if undefined.any():
+            raise RuntimeError(f"{rule}: it is not a number at {ot.Point(values[undefined.argmax()])}")
+        return margin
+
+    def dropUnusedOutputs(self, outputs: np.ndarray) -> None:
+        """Do not model outputs whose change by six standard deviations leaves these runs' limit state as it is."""
+        values = self.smooth(outputs)
+        steps = 6.0 * values.std(axis=0)
+        reference = self.surrogateMargin(values)
+        used = []
+        for j, step in enumerate(steps):
+            moved = [values + sign * step * (np.arange(len(steps)) == j) for sign in (-1.0, 1.0)]
+            if any((self.surrogateMargin(shifted) != reference).any() for shifted in moved):
+                used.append(j)
+        if not used or len(used) == len(steps):
+            return
+        full, margin, typical = list(self.smoothIndices), self._surrogateMargin, values.mean(axis=0)
+
+        def reducedMargin(reduced):
+            complete = np.repeat(typical[None], len(reduced), axis=0)
+            complete[:, used] = reduced
+            return margin(complete)
+
+        self.smoothIndices = [full[j] for j in used]
+        self._surrogateMargin = reducedMargin
+
+    def checkComposition(self, x: np.ndarray, margin: float, spread: float) -> int:
+        """Compare one run's composed value with the event's own function; returns the evaluations made (0 or 1).
+
+        They may differ by rounding, beside the spread of the values and the threshold.
+        """
+        if self._checkValue is None:
+            return 0
+        direct = float(self._checkValue(x[None, :])[0])
+        if not math.isclose(direct, margin, rel_tol=1e-6, abs_tol=1e-9 * spread + 1e-12 * abs(self._threshold)):
+            raise ValueError(
+                f"the composition of the components does not give the event's variable: it is {margin:.9g} from the "
+                f"threshold where the event's function is {direct:.9g} from it, at input {x.tolist()}"
+            )
+        return 1
+
+    def evaluate(self, u: np.ndarray, phase: str = "") -> Runs:
+        """One true run at each point (n, d) of standard space."""
+        x = self.space.toPhysical(u)
+        outputs = callFunction(self.function, x)
+        margins = np.full(len(outputs), np.nan)
+        failed = np.zeros(len(outputs), dtype=bool)
+        finite = np.isfinite(outputs).all(axis=1)
+        if finite.any():
+            margins[finite] = self._margin(outputs[finite])
+            finite &= np.isfinite(margins)
+            failed[finite] = margins[finite] <= 0.0
+        if not finite.all():
+            row = int(np.argmin(finite))
+            if self.nonFinitePolicy == "raise":
+                raise ValueError(
+                    f"{np.count_nonzero(~finite)} of {len(x)} runs gave a value that is not finite, the first is row "
+                    f"{row}: input {self._describe(x[row])}, output {outputs[row].tolist()}; setNonFinitePolicy can "
+                    "count such runs as failures or as safe"
+                )
+            failed[~finite] = self.nonFinitePolicy == "failure"
+            self.nonFiniteNumber += int(np.count_nonzero(~finite))
+        size = len(outputs)
+        return Runs(u, x, outputs, margins, failed, finite, np.full(size, phase), np.full(size, np.nan), np.zeros(size))
+
+    def _describe(self, x):
+        names = self.distribution.getDescription()
+        return ", ".join(f"{name} = {value:.9g}" for name, value in zip(names, x, strict=True))
+
+    def smooth(self, outputs: np.ndarray) -> np.ndarray:
+        """The modelled outputs (n, p)."""
+        return outputs[:, self.smoothIndices]

@@ -1,0 +1,1 @@
+"""Active subspaces: estimation, dimension, active variables, ridges without gradients."""

@@ -1,0 +1,1 @@
+"""What a study says of its results: verdicts, tables, figures, report."""
