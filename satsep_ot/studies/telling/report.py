@@ -137,7 +137,7 @@ def _render(results, motion, case_text, directory):
     environment.filters["keep"] = _keep_numbers
     environment.filters["behind"] = with_space
     environment.filters["words"] = lambda name: name.replace("_", " ")
-    template = (resources.files("satsep_ot.studies") / "report.html").read_text(encoding="utf-8")
+    template = (resources.files("satsep_ot.studies.telling") / "report.html").read_text(encoding="utf-8")
     figures = {section: [] for section in _SECTIONS}
     for figure in results["figures"]:
         picture = base64.b64encode(_read(directory / "figures" / Path(figure["file"]).name).encode()).decode()
