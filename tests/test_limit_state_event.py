@@ -6,7 +6,8 @@ import pytest
 
 from satsep_ot.methods.comparison.comparison import ReliabilityComparison
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
-from satsep_ot.methods.reliability.limit_state import LimitStateEvent, checkedKind, errorMessage
+from satsep_ot.methods.reliability.limit_state import LimitStateEvent, checkedKind
+from satsep_ot.openturns_adapter import errorMessage
 
 FUNCTION = ot.SymbolicFunction(["load", "length"], ["load * length"])
 VECTOR = ot.CompositeRandomVector(FUNCTION, ot.RandomVector(ot.Normal(2)))

@@ -6,10 +6,11 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.common.storage import TEMPORARY, fromXML, toXML, writeWhole
+from satsep_ot.methods.common.storage import TEMPORARY, writeWhole
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
+from satsep_ot.openturns_adapter import fromXML, toXML
 
 
 def result_of(formula, threshold, maximum=1500, mode="fast", dimension=3):

@@ -11,6 +11,7 @@ import openturns as ot
 
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.openturns_adapter import REFUSALS, endsInterpreter, errorMessage, parameterNames
 
 _DEGREE = math.pi / 180.0
 _AXES = ("x", "y", "z")
@@ -53,8 +54,6 @@ _POSITIVE = (
 _SYNONYMS = dict.fromkeys(("3sigma", "3s", "sigma3"), "three_sigma") | dict.fromkeys(
     ("rate", "totalrate", "angularrate", "bodyrate", "tumble", "tumblerate", "tumbling", "tumblingrate"), "tip_off_rate"
 )
-# What OpenTURNS raises where a distribution refuses its parameters, or has none.
-_REFUSALS = (RuntimeError, TypeError, ValueError, IndexError, MemoryError)
 _NOT_NEGATIVE = (".radius", ".delay", ".scale", "guide_friction")
 
 
@@ -294,8 +293,8 @@ def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distributi
     try:
         distribution = distribution_class()
         dimension = distribution.getDimension()
-        expected = [key.removesuffix("_0") for key in distribution.getParameterDescription()]
-    except _REFUSALS as error:
+        expected = parameterNames(distribution)
+    except REFUSALS as error:
         raise ValueError(f"the distribution {name} cannot be given by parameters with names") from error
     if dimension != 1 or distribution.isCopula():
         raise ValueError(f"{name} is not univariate (its dimension is {dimension}); an input has one dimension")
@@ -313,10 +312,9 @@ def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distributi
             raise ValueError(f"the parameter {key} of the distribution is missing; {takes}")
     try:
         distribution.setParameter([given[key] for key in expected])
-    except _REFUSALS as error:
-        reason = str(error).split(" : ", 1)[-1].strip()
+    except REFUSALS as error:
         values = ", ".join(f"{key} = {given[key]:g}" for key in expected)
-        raise ValueError(f"OpenTURNS refuses {name}({values}): {reason}") from error
+        raise ValueError(f"OpenTURNS refuses {name}({values}): {errorMessage(error)}") from error
     return ot.Distribution(distribution)
 
 
@@ -385,9 +383,10 @@ def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> N
     try:
         low, high = quantile_range(uncertain_input.distribution)
         _spread(uncertain_input.distribution)
-    except _REFUSALS as error:
-        reason = str(error).split(" : ", 1)[-1].strip()
-        raise ValueError(f"OpenTURNS finds no quantiles of {uncertain_input.distribution}: {reason}") from error
+    except REFUSALS as error:
+        raise ValueError(
+            f"OpenTURNS finds no quantiles of {uncertain_input.distribution}: {errorMessage(error)}"
+        ) from error
     if not (math.isfinite(low) and math.isfinite(high)):
         raise ValueError(f"its 0.1 % to 99.9 % range, {low:g} to {high:g} {uncertain_input.unit}, is not finite")
     for parameter in uncertain_input.parameters:
@@ -580,8 +579,8 @@ def joint_distribution(inputs: Sequence[UncertainInput], copula: ot.Distribution
                 f"the copula given is a {kind} of dimension {copula.getDimension()}; "
                 f"a copula of dimension {len(marginals)} is needed, one for each uncertain input"
             )
-        if kind == "StudentCopula":
-            raise ValueError("a StudentCopula is not supported by OpenTURNS 1.27; a NormalCopula, for one, is")
+        if endsInterpreter(copula):
+            raise ValueError(f"a {kind} is not supported by OpenTURNS 1.27; a NormalCopula, for one, is")
         joint = ot.JointDistribution(marginals, copula)
     joint.setDescription([row.label for row in inputs])
     return joint

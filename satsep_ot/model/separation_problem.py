@@ -9,6 +9,7 @@ from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model.case import SYSTEM, Case, CaseError, Requirement, load_uncertain_case
 from satsep_ot.model.inputs import did_you_mean, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.openturns_adapter import minimumFunction
 
 # Added to the argument of a norm and of an absolute value: their gradient at 0 is then one of the subgradients instead
 # of 0/0, so that a search for a design point can start at the nominal point. It changes no digit of any rate that
@@ -206,7 +207,9 @@ class SeparationProblem:
                 return values[0]
             margins = ot.ComposedFunction(self._margins(), ot.AggregatedFunction(values))
             return _described(
-                ot.ComposedFunction(_minimum(len(values)), margins), self._labels(variables), "smallest margin [1]"
+                ot.ComposedFunction(minimumFunction(len(values)), margins),
+                self._labels(variables),
+                "smallest margin [1]",
             )
 
         return (
@@ -257,7 +260,7 @@ class SeparationProblem:
             outer = _norm(len(parts)) if len(parts) > 1 else _absolute_value()
         elif quantity == "clearance" and not exact:
             parts = self._smooth_components(quantity)
-            outer = _minimum(len(parts))
+            outer = minimumFunction(len(parts))
         else:
             parts, outer = [quantity], None
         select = ot.Matrix(len(parts), len(variables))
@@ -302,22 +305,3 @@ def _norm(size):
 
 def _absolute_value():
     return ot.ParametricFunction(ot.SymbolicFunction(["x", "kink"], ["abs(x + kink)"]), [1], [_KINK])
-
-
-def _minimum(size):
-    """The smallest of `size` numbers as a native function with exact derivatives.
-
-    OpenTURNS does not differentiate min, but does differentiate (a + b - |a - b|) / 2, which in turn rounds: values
-    come from the former, derivatives from the latter, by pairs so that the formulas stay short.
-    """
-    variables = [f"v{k}" for k in range(size)]
-    function = ot.SymbolicFunction(variables, [f"min({', '.join(variables)})"])
-    pairs = ot.IdentityFunction(size)
-    while size > 1:
-        names = [f"v{k}" for k in range(size)]
-        halved = [f"({a} + {b} - abs({a} - {b})) / 2" for a, b in zip(names[::2], names[1::2], strict=False)]
-        pairs = ot.ComposedFunction(ot.SymbolicFunction(names, halved + names[len(halved) * 2 :]), pairs)
-        size = (size + 1) // 2
-    function.setGradient(pairs.getGradient())
-    function.setHessian(pairs.getHessian())
-    return function

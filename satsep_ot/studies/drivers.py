@@ -8,13 +8,13 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
-from satsep_ot.methods.reliability.limit_state import raiseInterrupt
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.model.inputs import ParameterMap, UncertainInput, interval_digits, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.openturns_adapter import raiseInterrupt
 
 
 def describe_scatter(row: UncertainInput) -> str:

@@ -24,12 +24,11 @@ import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.springs import ForceLine
-from satsep_ot.methods.common.storage import syncDirectory, toXML, writeWhole
+from satsep_ot.methods.common.storage import syncDirectory, writeWhole
 from satsep_ot.methods.comparison.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
 from satsep_ot.methods.comparison.methods import ActiveSubspace
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
-from satsep_ot.methods.reliability.limit_state import errorMessage, raiseInterrupt
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult, clopperPearson
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
@@ -37,6 +36,7 @@ from satsep_ot.methods.subspaces.dimension import energy_dimension
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt, toXML
 from satsep_ot.studies import drivers
 from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.common.storage import fromXML
 from satsep_ot.methods.reliability.true_runs import TrueRuns
+from satsep_ot.openturns_adapter import fromXML
 
 # Runs of the Monte Carlo sample that are drawn from one seed.
 BLOCK = 1024

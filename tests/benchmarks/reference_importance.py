@@ -14,9 +14,9 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.standard_space import StandardSpace
-from satsep_ot.methods.reliability.limit_state import callFunction
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.openturns_adapter import callFunction
 from satsep_ot.studies.method_benchmark import REFERENCE_RUNS, REFERENCE_VIOLATIONS
 
 BLOCK = 100_000

@@ -1,18 +1,16 @@
 """A result in one file: an .npz archive of its arrays, a JSON document, and OpenTURNS' own XML for its objects."""
 
-import contextlib
 import dataclasses
 import json
 import os
-import tempfile
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
-from xml.etree import ElementTree
 
 import numpy as np
-import openturns as ot
+
+from satsep_ot.openturns_adapter import fromXML, isPython, toXML
 
 # Stands in the document for an array of the archive.
 _ARRAY = "\x00array"
@@ -74,58 +72,6 @@ def syncDirectory(path: str | os.PathLike) -> None:
         os.close(directory)
 
 
-def toXML(thing: Any) -> str:
-    """An OpenTURNS object as XML text."""
-    with _file() as path:
-        study = ot.Study()
-        study.setStorageManager(ot.XMLStorageManager(str(path)))
-        study.add("object", thing)
-        study.save()
-        return path.read_text(encoding="utf-8")
-
-
-def fromXML(text: str, thing: Any) -> Any:
-    """Fill an empty OpenTURNS object of the right class from `toXML`'s text, and return it.
-
-    Raises
-    ------
-    ValueError
-        The text is no XML, or holds a Python object: OpenTURNS stores these as pickles, which can execute anything
-        when they are loaded.
-
-    Examples
-    --------
-    >>> import openturns as ot
-    >>> from satsep_ot.methods.common.storage import fromXML, toXML
-    >>> fromXML(toXML(ot.Normal(0.1, 1.0 / 3.0)), ot.Normal()).getParameter()[1] == 1.0 / 3.0
-    True
-    """
-    try:
-        tree = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise ValueError(f"the text is no XML: {error}") from error
-    for element in tree.iter():
-        if "python" in element.get("class", "").lower():
-            raise ValueError(
-                f"the text holds a {element.get('class')}, a pickle that can execute anything; only OpenTURNS' own "
-                "objects are loaded"
-            )
-    with _file() as path:
-        # Written anew, so that OpenTURNS reads what was checked, without entities and document types.
-        path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True))
-        study = ot.Study()
-        study.setStorageManager(ot.XMLStorageManager(str(path)))
-        study.load()
-        study.fillObject("object", thing)
-    return thing
-
-
-@contextlib.contextmanager
-def _file():
-    with tempfile.TemporaryDirectory() as directory:
-        yield Path(directory) / "object.xml"
-
-
 def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
     """Write named fields: plain values, arrays, dataclasses of these, and OpenTURNS objects.
 
@@ -161,7 +107,7 @@ def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
         raise ValueError(f"the file is {path}; its name must end on .npz")
     arrays, document = {}, {"format": kind}
     for name, value in fields.items():
-        if name == "event" and _isPython(value):
+        if name == "event" and isPython(value):
             value = None
         if dataclasses.is_dataclass(value):
             content = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
@@ -178,21 +124,13 @@ def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
     writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))  # type: ignore[arg-type]
 
 
-def _isPython(thing):
-    """Whether an OpenTURNS object is made of Python.
-
-    Looked at before it is made XML: the pickle of a function takes all that it refers to along.
-    """
-    return "class=Python" in repr(thing)
-
-
 def _plain(name, value):
     """A value that JSON knows: OpenTURNS objects become XML."""
     if isinstance(value, np.generic):
         value = value.item()
     if value is None or isinstance(value, (bool, int, float, str, list, dict)):
         return value
-    if _isPython(value):
+    if isPython(value):
         raise ValueError(f"the {name} is made of Python code, which is not stored: it would run on loading")
     return toXML(value)
 

@@ -12,17 +12,16 @@ import openturns as ot
 from satsep_ot.methods.comparison.methods import (
     METHODS,
     CountedProblem,
-    Counter,
     MonteCarlo,
     ReliabilityMethod,
     Row,
-    countingFunction,
     makeMethod,
 )
-from satsep_ot.methods.reliability.limit_state import (
-    Limit,
+from satsep_ot.methods.reliability.limit_state import Limit, checkedKind
+from satsep_ot.openturns_adapter import (
+    Counter,
     callFunction,
-    checkedKind,
+    countingFunction,
     errorMessage,
     eventKind,
     raiseInterrupt,

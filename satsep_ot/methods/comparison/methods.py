@@ -16,90 +16,14 @@ from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
-from satsep_ot.methods.reliability.limit_state import Limit, callFunction, errorMessage, raiseInterrupt
+from satsep_ot.methods.reliability.limit_state import Limit
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult, clopperPearson
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
+from satsep_ot.openturns_adapter import Counter, callFunction, errorMessage, multiFORMProbability, raiseInterrupt
 
 # Along lines through standard space: how far a limit state is looked for, and in steps of which size.
 _LARGEST_DISTANCE = 9.0
 _ROOT_STEP = 0.9871
-
-
-class Counter:
-    """Numbers of evaluations and gradients, kept outside of the functions that OpenTURNS copies.
-
-    Parameters
-    ----------
-    record : callable, optional
-        Called with the inputs (n, d) and outputs (n, p) of every evaluation.
-    """
-
-    def __init__(self, record: Callable[[np.ndarray, np.ndarray], None] | None = None) -> None:
-        self.evaluations = 0
-        self.gradients = 0
-        self.record = record
-
-
-def hasGradient(function: ot.Function) -> bool:
-    """Whether a function, or every part of a composed one, has a gradient that is not by finite differences.
-
-    Examples
-    --------
-    >>> import openturns as ot
-    >>> from satsep_ot.methods.comparison.methods import hasGradient
-    >>> hasGradient(ot.SymbolicFunction("x", "x^2")), hasGradient(ot.PythonFunction(1, 1, lambda x: x))
-    (True, False)
-    """
-    return "FiniteDifference" not in repr(function.getGradient())
-
-
-def countingFunction(function: ot.Function, counter: Counter, distribution: ot.Distribution) -> ot.Function:
-    """The same function, counting its evaluations and gradients in ``counter``; a value that is not finite raises.
-
-    A function without a gradient of its own gets centred differences whose steps are 1e-3 standard deviations of each
-    input, which are evaluations; OpenTURNS' own step is the same number for all inputs, whatever their size. The
-    Hessian is by differences: of gradients where there are any, otherwise of values.
-    """
-    d, p = function.getInputDimension(), function.getOutputDimension()
-    steps = 1e-3 * np.array(distribution.getStandardDeviation())
-
-    # Closures: a copy of the Python function by OpenTURNS shares them, so nothing is counted in a copy and lost.
-    def evaluate(sample):
-        points = np.asarray(sample, dtype=float)
-        values = callFunction(function, points)
-        counter.evaluations += len(values)
-        finite = np.isfinite(values).all(axis=1)
-        if not finite.all():
-            # OpenTURNS would take it for no failure, silently.
-            row = int(np.argmin(finite))
-            raise ValueError(
-                f"{np.count_nonzero(~finite)} of {len(values)} values are not finite, the first one is "
-                f"{values[row].tolist()} at input {points[row].tolist()}"
-            )
-        if counter.record is not None:
-            # OpenTURNS may use the memory again.
-            counter.record(points.copy(), values.copy())
-        return values
-
-    def gradient(point):
-        counter.gradients += 1
-        return np.array(function.gradient(point))
-
-    def hessian(point):
-        result = np.empty((d, d, p))
-        for i, step in enumerate(steps):
-            shift = np.zeros(d)
-            shift[i] = step
-            result[i] = (gradient(np.asarray(point) + shift) - gradient(np.asarray(point) - shift)) / (2.0 * step)
-        return 0.5 * (result + result.transpose(1, 0, 2))
-
-    if hasGradient(function):
-        return ot.PythonFunction(d, p, func_sample=evaluate, gradient=gradient, hessian=hessian)
-    counting = ot.PythonFunction(d, p, func_sample=evaluate)
-    counting.setGradient(ot.CenteredFiniteDifferenceGradient(steps.tolist(), counting.getEvaluation()))
-    # The rounding error of a second difference is divided by the square of the step.
-    counting.setHessian(ot.CenteredFiniteDifferenceHessian((30.0 * steps).tolist(), counting.getEvaluation()))
-    return counting
 
 
 @dataclasses.dataclass
@@ -359,10 +283,8 @@ class MultiFORM(FORM):
         algorithm.setMaximumDesignPointsNumber(self.maximumDesignPoints)
         algorithm.run()
         result = algorithm.getResult()
-        points = result.getFORMResultCollection()
-        # OpenTURNS 1.27 gives -1 where there is a single design point.
-        probability = points[0].getEventProbability() if len(points) == 1 else result.getEventProbability()
-        return Row(self.name, probability, converged=True, note=f"{len(points)} design points")
+        note = f"{len(result.getFORMResultCollection())} design points"
+        return Row(self.name, multiFORMProbability(result), converged=True, note=note)
 
 
 class SORM(FORM):

@@ -9,6 +9,7 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.parallel.scheduler import Chunk, ChunkError, ChunkScheduler, Work
+from satsep_ot.openturns_adapter import Shared, callFunction, hasGradient, hasHessian
 
 # Points of a chunk at most: larger ones gain nothing even where a point takes microseconds.
 _LARGEST_CHUNK = 4096
@@ -52,18 +53,17 @@ class FunctionWork:
 
     def hasGradient(self) -> bool:
         """Whether the function has a gradient of its own, not OpenTURNS' differences with one absolute step."""
-        batched = hasattr(self.model, "computeGradientSample")
-        return batched or "DifferenceGradient" not in repr(self.function.getGradient())
+        return hasattr(self.model, "computeGradientSample") or hasGradient(self.function)
 
     def hasHessian(self) -> bool:
         """Whether the function has a Hessian of its own."""
-        return "DifferenceHessian" not in repr(self.function.getHessian())
+        return hasHessian(self.function)
 
     def evaluate(self, X: np.ndarray) -> np.ndarray:
         """Outputs (N, p) at the points (N, n)."""
         if hasattr(self.model, "evaluate"):
             return np.asarray(self.model.evaluate(X), dtype=float)
-        return np.array(self.function(ot.Sample(X)), dtype=float)
+        return callFunction(self.function, X)
 
     def gradients(self, X: np.ndarray) -> np.ndarray:
         """Transposed Jacobians (N, n, p) at the points (N, n)."""
@@ -73,13 +73,7 @@ class FunctionWork:
 
     def hessians(self, X: np.ndarray) -> np.ndarray:
         """Hessians (N, n, n, p) at the points (N, n)."""
-        n, p = self.function.getInputDimension(), self.function.getOutputDimension()
-        return np.stack(
-            [
-                np.stack([np.array(ot.SymmetricMatrix(self.function.hessian(x).getSheet(k))) for k in range(p)], -1)
-                for x in X
-            ]
-        ).reshape(len(X), n, n, p)
+        return np.stack([np.array(self.function.hessian(x)) for x in X])
 
 
 class ParallelFunction(ot.OpenTURNSPythonFunction):
@@ -135,8 +129,8 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         self._chunkSize = None
         self._nonFiniteAllowed = False
         self._progressCallback = None
-        # A list that copies share: OpenTURNS works on copies, and hides what they raise in text.
-        self._lastError = _Shared()
+        # OpenTURNS hides what the copies raise in text.
+        self._lastError = Shared()
 
     def __repr__(self) -> str:
         return (
@@ -188,7 +182,7 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
 
     def getLastError(self) -> "FunctionChunkError | None":
         """The last :class:`FunctionChunkError` of this function or a copy of it, None if there was none."""
-        return self._lastError.error
+        return self._lastError.value
 
     def evaluate(self, X: ArrayLike) -> np.ndarray:
         """Outputs at each row.
@@ -265,22 +259,9 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
                 values[first : first + len(result)] = result
                 rows.append(np.arange(first, first + len(result)))
             rows = np.concatenate(rows)
-            self._lastError.error = FunctionChunkError(error, rows, values[rows])
-            raise self._lastError.error from error.__cause__
+            self._lastError.value = FunctionChunkError(error, rows, values[rows])
+            raise self._lastError.value from error.__cause__
         return values
-
-
-class _Shared:
-    """The last error, shared by copies; not part of a pickle."""
-
-    def __init__(self):
-        self.error = None
-
-    def __deepcopy__(self, memo):
-        return self
-
-    def __reduce__(self):
-        return _Shared, ()
 
 
 class FunctionChunkError(ChunkError):

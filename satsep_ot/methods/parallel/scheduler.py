@@ -16,16 +16,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ThreadPoolExecutor, wait
 from typing import Any
 
+from satsep_ot.openturns_adapter import errorMessage, picklingGlobals
+
 try:
     # It pickles functions of scripts and lambdas too, and comes with Dask.
     import cloudpickle as pickler
 except ImportError:
     pickler = pickle
-try:
-    # What OpenTURNS pickles Python functions with, inside its own pickles.
-    import dill
-except ImportError:
-    dill = None
 
 # Between two looks at the clocks of chunks [s].
 _POLL = 0.2
@@ -111,7 +108,7 @@ class Work:
     def payload(self) -> bytes:
         """The function as workers get it, with every chunk: they know it again by its bytes."""
         try:
-            with _withGlobals():
+            with picklingGlobals():
                 pickled = pickler.dumps(self.function)
             # OpenTURNS' objects are XML in their pickles, a fifteenth of it when compressed.
             return zlib.compress(pickled, 1)
@@ -126,20 +123,6 @@ class Work:
 
     def __reduce__(self):
         return Work, (self.function,)
-
-
-@contextlib.contextmanager
-def _withGlobals():
-    """A function of a script takes the modules and numbers that it uses with it, as cloudpickle has it by itself."""
-    if dill is None:
-        yield
-        return
-    before = dill.settings["recurse"]
-    dill.settings["recurse"] = True
-    try:
-        yield
-    finally:
-        dill.settings["recurse"] = before
 
 
 @dataclasses.dataclass(eq=False)
@@ -177,9 +160,7 @@ class _Answer:
             return _Answer(worker, compute())
         except BaseException as error:
             # Whatever it is: a model that calls sys.exit is not to end the process that waits for it.
-            # OpenTURNS puts the traceback of a Python function into its message.
-            first = (str(error).splitlines() or [""])[0]
-            return _Answer(worker, None, f"{type(error).__name__}: {first}", traceback.format_exc())
+            return _Answer(worker, None, f"{type(error).__name__}: {errorMessage(error)}", traceback.format_exc())
 
 
 class ChunkScheduler:

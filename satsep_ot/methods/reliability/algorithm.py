@@ -10,14 +10,7 @@ import openturns as ot
 from scipy.special import ndtr
 
 from satsep_ot.methods.common.single_thread import singleThread
-from satsep_ot.methods.reliability.limit_state import (
-    NON_FINITE_POLICIES,
-    LimitStateEvent,
-    Runs,
-    checkedKind,
-    errorMessage,
-    raiseInterrupt,
-)
+from satsep_ot.methods.reliability.limit_state import NON_FINITE_POLICIES, LimitStateEvent, Runs, checkedKind
 from satsep_ot.methods.reliability.proposal import ModeMixture, Pool, fitImportantRegion
 from satsep_ot.methods.reliability.result import (
     ActiveSubspaceReliabilityResult,
@@ -31,6 +24,7 @@ from satsep_ot.methods.reliability.result import (
 from satsep_ot.methods.reliability.sensitivity import FailureSample
 from satsep_ot.methods.reliability.subset_simulation import combineEstimates, runSubsetSimulation
 from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate
+from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 
 __all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
 

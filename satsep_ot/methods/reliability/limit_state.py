@@ -1,9 +1,7 @@
 """An OpenTURNS event seen from the standard normal space: true runs, their failures, a limit state of components."""
 
-import ctypes
 import dataclasses
 import math
-import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -11,10 +9,9 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
+from satsep_ot.openturns_adapter import callFunction, eventKind, raiseInterrupt
 
 NON_FINITE_POLICIES = ("raise", "failure", "safe")
-# What OpenTURNS adds to the message of an error in a Python function: a traceback for each function in between.
-_TRACEBACK = re.compile(r"\s*Traceback \(most recent call last\):\n(?:[ \t].*\n)+.*\n?\s*")
 
 
 @dataclasses.dataclass
@@ -84,14 +81,6 @@ class Limit:
         )
 
 
-def eventKind(event: Any) -> str:
-    """Class name of an event, also of one that is wrapped as a RandomVector."""
-    name = event.getClassName()
-    if name != "RandomVector":
-        return name
-    return repr(event).split("implementation=class=")[1].split()[0].removesuffix("Implementation")
-
-
 def checkedKind(event: Any) -> str:
     """Class name of an event that can be treated.
 
@@ -108,8 +97,7 @@ def checkedKind(event: Any) -> str:
     >>> checkedKind(ot.ThresholdEvent(vector, ot.Greater(), 2.0))
     'ThresholdEvent'
     """
-    # Python's own objects, and some of OpenTURNS', have no such name.
-    kind = eventKind(event) if hasattr(event, "getClassName") else type(event).__name__
+    kind = eventKind(event)
     if kind not in ("ThresholdEvent", "DomainEvent", "UnionEvent", "IntersectionEvent"):
         raise TypeError(
             f"the event is a {kind}; give a ThresholdEvent, UnionEvent, IntersectionEvent or DomainEvent, of a "
@@ -152,34 +140,6 @@ def _intervalMargin(domain: ot.Interval) -> Callable:
     if not bounds:
         raise ValueError("the domain of the event has no finite bound, so every point is in it")
     return lambda outputs: np.max([sign * (outputs[:, j] - bound) for j, sign, bound in bounds], axis=0)
-
-
-def callFunction(function: ot.Function, points: np.ndarray) -> np.ndarray:
-    """An OpenTURNS function at points (n, d), as a new array (n, p)."""
-    points = np.ascontiguousarray(points, dtype=float)
-    sample = ot.Sample(*points.shape)
-    # OpenTURNS reads an array number by number, 25 times slower. A new sample shares its memory with no other one.
-    ctypes.memmove(sample.__array_interface__["data"][0], points.ctypes.data, points.nbytes)
-    return np.array(function(sample), dtype=float)
-
-
-def raiseInterrupt(error: BaseException) -> None:
-    """OpenTURNS turns an interrupt inside a Python function into a RuntimeError: turn it back."""
-    if "KeyboardInterrupt" in str(error):
-        raise KeyboardInterrupt from error
-
-
-def errorMessage(error: BaseException) -> str:
-    """The message of an error on one line, without what OpenTURNS adds where it passes through its functions.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.reliability.limit_state import errorMessage
-    >>> errorMessage(RuntimeError("mass = -1\\nTraceback (most recent call last):\\n  File 'a'\\nValueError: x\\n"))
-    'mass = -1'
-    """
-    plain = " ".join(_TRACEBACK.sub("\n", str(error)).split())
-    return re.sub(r"\b(InternalException|InvalidArgumentException) : ", "", plain)
 
 
 class LimitStateEvent:

@@ -10,12 +10,13 @@ import numpy as np
 import openturns as ot
 from scipy import stats
 
-from satsep_ot.methods.common.storage import fromXML, readResult, writeResult
+from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.reliability import sensitivity as fs
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.proposal import Pool, paretoShape
 from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate
 from satsep_ot.methods.reliability.true_runs import TrueRuns
+from satsep_ot.openturns_adapter import fromXML
 
 # Points that carry the surrogate's share of the failure distribution.
 _SURROGATE_POINTS = 10_000

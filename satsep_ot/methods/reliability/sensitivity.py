@@ -14,6 +14,8 @@ import openturns as ot
 from scipy import stats
 from scipy.special import ndtri
 
+from satsep_ot.openturns_adapter import parameterNames
+
 # Change of the logarithm of a density between the two points of a difference: its square and the rounding are small.
 _LOG_DENSITY_STEP = 1e-4
 _LEVELS = np.array([0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98])
@@ -203,11 +205,9 @@ def computeParameterSensitivity(
         marginal = distribution.getMarginal(index)
         column = sample.x[:, [index]]
         deviation = marginal.getStandardDeviation()[0]
-        for place, (parameter, value) in enumerate(
-            zip(marginal.getParameterDescription(), marginal.getParameter(), strict=True)
+        for place, (name, value) in enumerate(
+            zip(parameterNames(marginal, index), marginal.getParameter(), strict=True)
         ):
-            # OpenTURNS appends the position in the joint distribution to the names of some.
-            name = parameter.removesuffix(f"_{index}").removesuffix("_0")
             try:
                 score = _score(marginal, place, column, copula, uniforms, index)
             except ValueError as error:

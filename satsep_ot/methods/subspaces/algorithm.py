@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
 from satsep_ot.methods.subspaces.noise import estimate_noise
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
+from satsep_ot.openturns_adapter import hasGradient
 
 # Points handed to the model at once when differences are taken.
 DIFFERENCE_BLOCK = 20000
@@ -237,7 +238,7 @@ class ActiveSubspaceAlgorithm:
 
     def _usesDifferences(self):
         if self._gradientMethod == "Automatic":
-            return self._gradientSampleFunction is None and "DifferenceGradient" in repr(self._function.getGradient())
+            return self._gradientSampleFunction is None and not hasGradient(self._function)
         return self._gradientMethod != "Exact"
 
     def _exactGradients(self, points):

@@ -1,0 +1,379 @@
+"""Every workaround for OpenTURNS 1.27, each with a comment that says what can be removed once it is mended there.
+
+The rest of the package takes OpenTURNS as its documentation describes it. Two workarounds stand elsewhere, since they
+are no functions: a command watches its work from a second process (`interruption`), and `SeparationFunction` takes the
+wanted quantities as an argument, since `getMarginal` drops the diagonal of a Hessian in Python.
+"""
+
+import contextlib
+import ctypes
+import re
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import openturns as ot
+
+try:
+    import dill
+except ImportError:
+    dill = None
+
+# What OpenTURNS raises where a distribution refuses its parameters or has no quantiles: its exceptions have no common
+# base class in Python. Remove when they have one.
+REFUSALS = (RuntimeError, TypeError, ValueError, IndexError, MemoryError)
+# OpenTURNS adds to the message of an error in a Python function a traceback for each function in between, and to every
+# message the class of its own exception. Remove both patterns when it raises the original exception (announced for
+# 1.28).
+_TRACEBACK = re.compile(r"\s*Traceback \(most recent call last\):\n(?:[ \t].*\n)+.*\n?\s*")
+_EXCEPTION_CLASS = re.compile(
+    r"\b(Internal|InvalidArgument|InvalidDimension|InvalidRange|NotDefined|NotSymmetricDefinitePositive|"
+    r"NotYetImplemented|OutOfBound)Exception : "
+)
+_FINITE_DIFFERENCES = re.compile(r"class=\w*FiniteDifference")
+
+
+# Errors. --------------------------------------------------------------------------------------------------------------
+
+
+def raiseInterrupt(error: BaseException) -> None:
+    """Raise KeyboardInterrupt where this error stands for one; to be called first where an error is caught.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        An interrupt inside a Python function is the cause.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import raiseInterrupt
+    >>> def interrupted(x):
+    ...     raise KeyboardInterrupt
+    >>> try:
+    ...     ot.PythonFunction(1, 1, interrupted)([0.0])
+    ... except RuntimeError as error:
+    ...     try:
+    ...         raiseInterrupt(error)
+    ...     except KeyboardInterrupt:
+    ...         print("interrupted")
+    interrupted
+    """
+    # OpenTURNS raises a RuntimeError in its place. Remove when it raises the original exception (announced for 1.28).
+    if "KeyboardInterrupt" in str(error):
+        raise KeyboardInterrupt from error
+
+
+def errorMessage(error: BaseException) -> str:
+    """The message of an error on one line, without the tracebacks and exception classes that OpenTURNS adds.
+
+    Examples
+    --------
+    >>> from satsep_ot.openturns_adapter import errorMessage
+    >>> errorMessage(RuntimeError("mass = -1\\nTraceback (most recent call last):\\n  File 'a'\\nValueError: x\\n"))
+    'mass = -1'
+    """
+    plain = " ".join(_TRACEBACK.sub("\n", str(error)).split())
+    return _EXCEPTION_CLASS.sub("", plain)
+
+
+# What kind of object it is. -------------------------------------------------------------------------------------------
+
+
+def hasGradient(function: ot.Function) -> bool:
+    """Whether a function, and every part of a composed one, has a gradient that is not by finite differences.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import hasGradient
+    >>> hasGradient(ot.SymbolicFunction("x", "x^2")), hasGradient(ot.PythonFunction(1, 1, lambda x: x))
+    (True, False)
+    """
+    # Only the full text shows the parts of a composed gradient. Remove when a function tells (isActualGradient or so).
+    return not _FINITE_DIFFERENCES.search(repr(function.getGradient()))
+
+
+def hasHessian(function: ot.Function) -> bool:
+    """Whether a function, and every part of a composed one, has a Hessian that is not by finite differences.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import hasHessian
+    >>> hasHessian(ot.SymbolicFunction("x", "x^2")), hasHessian(ot.PythonFunction(1, 1, lambda x: x))
+    (True, False)
+    """
+    # As for `hasGradient`.
+    return not _FINITE_DIFFERENCES.search(repr(function.getHessian()))
+
+
+def isPython(thing: Any) -> bool:
+    """Whether an OpenTURNS object is made of Python code, which a study stores as a pickle.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import isPython
+    >>> isPython(ot.SymbolicFunction("x", "x^2")), isPython(ot.Function(ot.PythonFunction(1, 1, lambda x: x)))
+    (False, True)
+    """
+    # Not by its XML: the pickle of a function takes all that it refers to along. Remove when an object tells.
+    return "class=Python" in repr(thing)
+
+
+def eventKind(event: Any) -> str:
+    """Class name of an event, also of one that is wrapped as a RandomVector.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import eventKind
+    >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("a", "a"), ot.RandomVector(ot.Normal()))
+    >>> eventKind(ot.RandomVector(ot.ThresholdEvent(vector, ot.Greater(), 2.0)))
+    'ThresholdEvent'
+    """
+    # Python's own objects, and some of OpenTURNS', have no such method.
+    if not hasattr(event, "getClassName"):
+        return type(event).__name__
+    name = event.getClassName()
+    if name != "RandomVector":
+        return name
+    # getImplementation() of a wrapped ThresholdEvent is a bare pointer. Remove when it is an object of its class.
+    return repr(event).split("implementation=class=")[1].split()[0].removesuffix("Implementation")
+
+
+def parameterNames(distribution: ot.Distribution, index: int = 0) -> list[str]:
+    """Names of the parameters of a univariate distribution, for instance ["mu", "sigma"].
+
+    Parameters
+    ----------
+    distribution : :py:class:`openturns.Distribution`
+    index : int
+        Its position in the joint distribution that it was taken from.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import parameterNames
+    >>> parameterNames(ot.JointDistribution([ot.Normal()] * 3).getMarginal(2), 2)
+    ['mu', 'sigma']
+    """
+    # Some distributions append the position in the joint distribution, others 0. Remove when all names are plain.
+    return [name.removesuffix(f"_{index}").removesuffix("_0") for name in distribution.getParameterDescription()]
+
+
+def endsInterpreter(copula: ot.Distribution) -> bool:
+    """Whether a joint distribution with this copula ends the interpreter.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import endsInterpreter
+    >>> endsInterpreter(ot.NormalCopula(2))
+    False
+    """
+    # Its iso-probabilistic transformation recurses without end. Remove when it raises an exception or works.
+    return ot.Distribution(copula).getImplementation().getClassName() == "StudentCopula"
+
+
+# Evaluating and counting. ---------------------------------------------------------------------------------------------
+
+
+def callFunction(function: ot.Function, points: np.ndarray) -> np.ndarray:
+    """An OpenTURNS function at points (n, d), as a new array (n, p)."""
+    points = np.ascontiguousarray(points, dtype=float)
+    sample = ot.Sample(*points.shape)
+    # OpenTURNS reads an array number by number, 25 times slower. A new sample shares its memory with no other one.
+    # Remove when ot.Sample(array) copies the memory at once.
+    ctypes.memmove(sample.__array_interface__["data"][0], points.ctypes.data, points.nbytes)
+    return np.array(function(sample), dtype=float)
+
+
+class Counter:
+    """Numbers of evaluations and gradients.
+
+    Parameters
+    ----------
+    record : callable, optional
+        Called with the inputs (n, d) and outputs (n, p) of every evaluation.
+    """
+
+    def __init__(self, record: Callable[[np.ndarray, np.ndarray], None] | None = None) -> None:
+        self.evaluations = 0
+        self.gradients = 0
+        self.record = record
+
+
+def countingFunction(function: ot.Function, counter: Counter, distribution: ot.Distribution) -> ot.Function:
+    """The same function, counting its evaluations and gradients in ``counter``.
+
+    A function without a gradient of its own gets centred differences whose steps are 1e-3 standard deviations of each
+    input, which are evaluations. The Hessian is by differences: of gradients if there are any, otherwise of values.
+    An evaluation that is not finite raises.
+    """
+    d, p = function.getInputDimension(), function.getOutputDimension()
+    steps = 1e-3 * np.array(distribution.getStandardDeviation())
+
+    # OpenTURNS copies functions and counts in the copies, no gradients in Python at all, and a batch of Hessians only
+    # in the parent: closures are shared by all copies. Remove when getEvaluationCallsNumber and
+    # getGradientCallsNumber of an algorithm's function are complete.
+    def evaluate(sample):
+        points = np.asarray(sample, dtype=float)
+        values = callFunction(function, points)
+        counter.evaluations += len(values)
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            # OpenTURNS takes NaN for a point outside the event. Remove when it raises.
+            row = int(np.argmin(finite))
+            raise ValueError(
+                f"{np.count_nonzero(~finite)} of {len(values)} values are not finite, the first one is "
+                f"{values[row].tolist()} at input {points[row].tolist()}"
+            )
+        if counter.record is not None:
+            # OpenTURNS may use the memory again.
+            counter.record(points.copy(), values.copy())
+        return values
+
+    def gradient(point):
+        counter.gradients += 1
+        return np.array(function.gradient(point))
+
+    def hessian(point):
+        result = np.empty((d, d, p))
+        for i, step in enumerate(steps):
+            shift = np.zeros(d)
+            shift[i] = step
+            result[i] = (gradient(np.asarray(point) + shift) - gradient(np.asarray(point) - shift)) / (2.0 * step)
+        return 0.5 * (result + result.transpose(1, 0, 2))
+
+    if hasGradient(function):
+        return ot.PythonFunction(d, p, func_sample=evaluate, gradient=gradient, hessian=hessian)
+    # OpenTURNS' own step is 1e-5 for all inputs, whatever their units. Remove when it follows their scatter.
+    counting = ot.PythonFunction(d, p, func_sample=evaluate)
+    counting.setGradient(ot.CenteredFiniteDifferenceGradient(steps.tolist(), counting.getEvaluation()))
+    # The rounding error of a second difference is divided by the square of the step.
+    counting.setHessian(ot.CenteredFiniteDifferenceHessian((30.0 * steps).tolist(), counting.getEvaluation()))
+    return counting
+
+
+def minimumFunction(size: int) -> ot.Function:
+    """The smallest of several numbers as a native function with exact derivatives.
+
+    Examples
+    --------
+    >>> from satsep_ot.openturns_adapter import minimumFunction
+    >>> function = minimumFunction(3)
+    >>> print(function([3.0, 1.0, 2.0]), function.gradient([3.0, 1.0, 2.0]).transpose())
+    [1] [[ 0 1 0 ]]
+    """
+    variables = [f"v{k}" for k in range(size)]
+    function = ot.SymbolicFunction(variables, [f"min({', '.join(variables)})"])
+    # OpenTURNS does not differentiate min, but does differentiate (a + b - |a - b|) / 2, which in turn rounds: values
+    # come from the former, derivatives from the latter, by pairs so that the formulas stay short. Remove the pairs
+    # when min has derivatives.
+    pairs = ot.IdentityFunction(size)
+    while size > 1:
+        names = [f"v{k}" for k in range(size)]
+        halved = [f"({a} + {b} - abs({a} - {b})) / 2" for a, b in zip(names[::2], names[1::2], strict=False)]
+        pairs = ot.ComposedFunction(ot.SymbolicFunction(names, halved + names[len(halved) * 2 :]), pairs)
+        size = (size + 1) // 2
+    function.setGradient(pairs.getGradient())
+    function.setHessian(pairs.getHessian())
+    return function
+
+
+def multiFORMProbability(result: ot.MultiFORMResult) -> float:
+    """The probability of a MultiFORM result, also of one with a single design point."""
+    points = result.getFORMResultCollection()
+    # getEventProbability() of a single one is -1. Remove when it is FORM's.
+    return points[0].getEventProbability() if len(points) == 1 else result.getEventProbability()
+
+
+# Storing and sending. -------------------------------------------------------------------------------------------------
+
+
+def toXML(thing: Any) -> str:
+    """An OpenTURNS object as XML text."""
+    with _study() as (path, study):
+        study.add("object", thing)
+        study.save()
+        return path.read_text(encoding="utf-8")
+
+
+def fromXML(text: str, thing: Any) -> Any:
+    """Fill an empty OpenTURNS object of the right class from `toXML`'s text, and return it.
+
+    Raises
+    ------
+    ValueError
+        The text is no XML, or holds a Python object: OpenTURNS stores these as pickles, which can execute anything
+        when they are loaded.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import fromXML, toXML
+    >>> fromXML(toXML(ot.Normal(0.1, 1.0 / 3.0)), ot.Normal()).getParameter()[1] == 1.0 / 3.0
+    True
+    """
+    try:
+        tree = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise ValueError(f"the text is no XML: {error}") from error
+    # OpenTURNS executes what it finds. Remove the check when a study can be loaded without its Python objects.
+    for element in tree.iter():
+        if "python" in element.get("class", "").lower():
+            raise ValueError(
+                f"the text holds a {element.get('class')}, a pickle that can execute anything; only OpenTURNS' own "
+                "objects are loaded"
+            )
+    with _study() as (path, study):
+        # Written anew, so that OpenTURNS reads what was checked, without entities and document types.
+        path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True))
+        study.load()
+        study.fillObject("object", thing)
+    return thing
+
+
+@contextlib.contextmanager
+def _study() -> Iterator[tuple[Path, ot.Study]]:
+    # A study reads and writes files only. Remove when it takes text or a stream.
+    with tempfile.TemporaryDirectory() as directory:
+        path = Path(directory) / "object.xml"
+        study = ot.Study()
+        study.setStorageManager(ot.XMLStorageManager(str(path)))
+        yield path, study
+
+
+@contextlib.contextmanager
+def picklingGlobals() -> Iterator[None]:
+    """A block in which the pickle of a function of a script takes along the modules and numbers that it uses."""
+    # OpenTURNS pickles Python functions with dill where it is installed, and with dill's defaults, which leave these
+    # out. Remove when it uses cloudpickle or dill's "recurse".
+    if dill is None:
+        yield
+        return
+    before = dill.settings["recurse"]
+    dill.settings["recurse"] = True
+    try:
+        yield
+    finally:
+        dill.settings["recurse"] = before
+
+
+class Shared:
+    """A value that all copies of a Python function share; it is not part of a pickle."""
+
+    # OpenTURNS works on deep copies of a Python function. Remove when it keeps references.
+    def __init__(self) -> None:
+        self.value: Any = None
+
+    def __deepcopy__(self, memo):
+        return self
+
+    def __reduce__(self):
+        return Shared, ()
