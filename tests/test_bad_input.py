@@ -170,14 +170,12 @@ def test_a_recess_that_is_none():
     separation = in_recess()
     rows = np.tile(separation.parameters(), (5, 1))
     names = separation.parameter_names()
-    rows[:4, names.index("recess.radius")] = [0.0, -0.1, 0.52, 0.52]
-    rows[:4, names.index("recess.depth")] = [0.25, 0.25, 0.0, -0.1]
+    rows[:4, names.index("recess_radius")] = [0.0, -0.1, 0.52, 0.52]
+    rows[:4, names.index("recess_depth")] = [0.25, 0.25, 0.0, -0.1]
     outcome = simulate(separation, rows)
     assert outcome.status.tolist() == [Status.INVALID_PARAMETERS] * 4 + [Status.OK]
-    assert outcome.explain(3) == (
-        "recess: radius = 0.52 m, depth = -0.1 m; a positive depth is allowed, and a positive radius (or 0 where "
-        "planes bound it)"
-    )
+    assert outcome.explain(1) == "recess_radius = -0.1; a positive number is allowed"
+    assert outcome.explain(3) == "recess_depth = -0.1; a positive number is allowed"
 
 
 def test_forces_too_large_for_the_resolution_of_time():

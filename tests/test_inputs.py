@@ -208,7 +208,7 @@ def test_every_parameter_of_every_effect_can_be_scattered():
     assert changed == pytest.approx(
         {
             "guide_friction": 0.2, "springs[5].scale": 17.0, "springs[5].stroke": 0.0055, "impulse.x": 0.1,
-            "angular_impulse.z": 0.2, "planes[0].offset": -0.39, "springs[1].scale": 0.9,
+            "angular_impulse.z": 0.2, "recess_planes[0].offset": -0.39, "springs[1].scale": 0.9,
             "springs[4].radius": 0.255, "springs[5].radius": 0.255,
         }
     )  # fmt: skip

@@ -231,7 +231,7 @@ def test_absurd_rates_end_in_bounded_steps(rates):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"force_line": ForceLine.STRUT}, "stowed_length = 0.0 m; a strut needs a positive one"),
+        ({"force_line": ForceLine.STRUT}, "stowed_length = 0.0; a positive number is allowed"),
         ({"stowed_length": 0.04}, "only struts have a stowed length"),
         ({"attitude": [0.0, 0.0, 0.0, 0.0]}, "a quaternion of norm above 0"),
         ({"rates": [0.0, np.inf, 0.0]}, "rates.y = inf"),
@@ -312,8 +312,8 @@ def test_points_that_turn_back_on_their_way_out_leave_where_they_first_do():
         turns = Rotation.from_quat(states[:, [13, 14, 15, 12]]).as_matrix()
         arms = points[inside] - mass_centres[1]
         place = states[:, None, :3] + np.einsum("tij,pj->tpi", turns, arms) + mass_centres[0]
-        out = place[:, :, 1] >= named["recess.depth"]
-        room = named["recess.radius"] - np.hypot(place[:, :, 0], place[:, :, 2])
+        out = place[:, :, 1] >= named["recess_depth"]
+        room = named["recess_radius"] - np.hypot(place[:, :, 0], place[:, :, 2])
         first = out.argmax(axis=0)
         assert out.any(axis=0).all()
         for point, last in enumerate(first):

@@ -6,33 +6,28 @@ once and for all, when its stroke reaches min(L, xi): a pusher never pulls. Both
 step crosses them.
 """
 
+import copy
 import enum
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 
 from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.parameter_vector import (
+    AXES,
+    LARGEST,
+    TENSOR,
+    Parameter,
+    Place,
+    Sign,
+    parameter_fields,
+    places,
+)
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
 from satsep_ot.dynamics.system import Array, integers
-
-# The flat parameter vector of a run. A uncertain input or a design variable is a direction in this space.
-_INERTIA_NAMES = ("xx", "yy", "zz", "xy", "xz", "yz")
-_BODY_NAMES = ("mass", *(f"inertia.{name}" for name in _INERTIA_NAMES), *(f"center_of_mass.{axis}" for axis in "xyz"))
-_COMMON_NAMES = (
-    *(f"platform.{name}" for name in _BODY_NAMES),
-    *(f"satellite.{name}" for name in _BODY_NAMES),
-    *(f"rates.{axis}" for axis in "xyz"),
-    *(f"mounting_error.{axis}" for axis in "xyz"),
-    "stowed_length",
-    "recess.radius",
-    "recess.depth",
-    *(f"impulse.{axis}" for axis in "xyz"),
-    *(f"angular_impulse.{axis}" for axis in "xyz"),
-    "guide_friction",
-)
-_SPRING_NAMES = ("angle", "radius", "stiffness", "deformation", "stroke", "cant", "delay", "scale")
 
 
 class Pivot(enum.IntEnum):
@@ -100,9 +95,9 @@ class Body:
     10
     """
 
-    mass: float
-    inertia: Array
-    center_of_mass: Array = field(default_factory=lambda: np.zeros(3))
+    mass: Annotated[float, Parameter(Sign.POSITIVE)]
+    inertia: Annotated[Array, Parameter((Sign.POSITIVE,) * 3 + (Sign.ANY,) * 3, TENSOR)]
+    center_of_mass: Annotated[Array, Parameter(elements=AXES)] = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self):
         inertia = np.asarray(self.inertia, dtype=float)
@@ -115,9 +110,42 @@ class Body:
         object.__setattr__(self, "center_of_mass", np.asarray(self.center_of_mass, dtype=float))
 
     def parameters(self) -> np.ndarray:
-        """Mass, six tensor elements and CG, as they stand in the flat parameter vector."""
+        """Mass, six tensor elements and CG, as they stand in the flat parameter vector, shape (10,)."""
         i = self.inertia
         return np.array([self.mass, i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2], *self.center_of_mass])
+
+    def with_parameters(self, vector: np.ndarray) -> "Body":
+        """The body that has these parameters: the inverse of `parameters`."""
+        mass, *elements = vector[:7]
+        return Body(float(mass), inertia_tensor(*elements), np.array(vector[7:]))
+
+
+def inertia_tensor(xx: Array, yy: Array, zz: Array, xy: Array, xz: Array, yz: Array) -> np.ndarray:
+    """Symmetric tensors of shape (..., 3, 3) from their elements, each of shape (...,) [kg m2]."""
+    return np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=-1).reshape(*np.shape(xx), 3, 3)
+
+
+def is_inertia(moments: np.ndarray) -> np.ndarray:
+    """Whether a body can have these principal moments: all positive, none above the sum of the other two.
+
+    Parameters
+    ----------
+    moments : ndarray, shape (..., 3)
+        In ascending order [kg m2], as `numpy.linalg.eigvalsh` gives them.
+
+    Returns
+    -------
+    possible : ndarray of bool, shape (...,)
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.dynamics.separation import is_inertia
+    >>> print(is_inertia(np.array([[1.0, 2.0, 3.0], [1.0, 2.0, 3.1], [-1.0, 2.0, 2.0]])))
+    [ True False False]
+    """
+    # The tolerance is that of a thin disc, whose moments are only known to some digits.
+    return (moments[..., 0] > 0.0) & (moments[..., 0] + moments[..., 1] >= moments[..., 2] * (1.0 - 1e-9))
 
 
 @dataclass(frozen=True)
@@ -149,20 +177,20 @@ class Springs:
     4
     """
 
-    angle: Array
-    radius: Array
-    stiffness: Array
-    deformation: Array
-    stroke: Array
-    cant: Array = 0.0
-    delay: Array = 0.0
-    scale: Array = 1.0
+    angle: Annotated[Array, Parameter()]
+    radius: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)]
+    stiffness: Annotated[Array, Parameter(Sign.POSITIVE)]
+    deformation: Annotated[Array, Parameter(Sign.POSITIVE)]
+    stroke: Annotated[Array, Parameter(Sign.POSITIVE)]
+    cant: Annotated[Array, Parameter()] = 0.0
+    delay: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 0.0
+    scale: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 1.0
     tables: tuple | None = None
     laws: Array | None = None
 
     def __post_init__(self):
         count = np.size(self.angle)
-        for name in _SPRING_NAMES:
+        for name in parameter_fields(Springs):
             value = np.asarray(getattr(self, name), dtype=float)
             if value.ndim > 1 or (value.ndim == 1 and value.size != count) or count == 0:
                 raise ValueError(
@@ -188,14 +216,19 @@ class Springs:
         return self.angle.size
 
     def parameters(self) -> np.ndarray:
-        """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector."""
-        return np.stack([getattr(self, name) for name in _SPRING_NAMES], axis=1).ravel()
+        """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector, shape (8 N,)."""
+        return np.stack([getattr(self, name) for name in parameter_fields(Springs)], axis=1).ravel()
+
+    def with_parameters(self, vector: np.ndarray) -> "Springs":
+        """The springs that have these parameters, with the same tables and laws: the inverse of `parameters`."""
+        names = parameter_fields(Springs)
+        columns = np.reshape(vector, (len(self), len(names))).T
+        return replace(self, **dict(zip(names, columns, strict=True)))
 
     def joined(self, other: "Springs") -> "Springs":
         """These springs and then those of `other`."""
-        values = {
-            name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in (*_SPRING_NAMES, "laws")
-        }
+        names = (*parameter_fields(Springs), "laws")
+        values = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
         return Springs(**values, tables=self.tables + other.tables)
 
 
@@ -286,14 +319,14 @@ class Separation:
         At least one.
     force_line : ForceLine
         GUIDED, STRUT or NORMAL.
-    stowed_length : float
-        Distance l_0 between the seats of a stowed spring [m]; positive for STRUT, 0 for the others.
     attitude : array_like, shape (4,)
         Quaternion of the platform at t = 0, body to ECI.
     rates : array_like, shape (3,)
         Rates of the stack at t = 0 in platform axes [rad/s].
     mounting_error : array_like, shape (3,)
         Rotation vector of the satellite in platform axes [rad], about the ring centre.
+    stowed_length : float
+        Distance l_0 between the seats of a stowed spring [m]; positive for STRUT, 0 for the others.
     pivot : Pivot
         The point of the stack that `orbit` speaks of.
     orbit : Orbit or None
@@ -338,20 +371,20 @@ class Separation:
     satellite: Body
     springs: Springs
     force_line: ForceLine = ForceLine.GUIDED
-    stowed_length: float = 0.0
     attitude: Array = (1.0, 0.0, 0.0, 0.0)
-    rates: Array = (0.0, 0.0, 0.0)
-    mounting_error: Array = (0.0, 0.0, 0.0)
+    rates: Annotated[Array, Parameter(elements=AXES)] = (0.0, 0.0, 0.0)
+    mounting_error: Annotated[Array, Parameter(elements=AXES)] = (0.0, 0.0, 0.0)
+    stowed_length: Annotated[float, Parameter(Sign.POSITIVE)] = 0.0
     pivot: Pivot = Pivot.STACK
     orbit: Orbit | None = None
     gradient_torque: bool = False
     envelope: Array | None = None
-    recess_radius: float = 0.0
-    recess_depth: float = 0.0
+    recess_radius: Annotated[float, Parameter(Sign.POSITIVE)] = 0.0
+    recess_depth: Annotated[float, Parameter(Sign.POSITIVE)] = 0.0
     recess_planes: Array | None = None
-    impulse: Array = (0.0, 0.0, 0.0)
-    angular_impulse: Array = (0.0, 0.0, 0.0)
-    guide_friction: float = 0.0
+    impulse: Annotated[Array, Parameter(elements=AXES)] = (0.0, 0.0, 0.0)
+    angular_impulse: Annotated[Array, Parameter(elements=AXES)] = (0.0, 0.0, 0.0)
+    guide_friction: Annotated[float, Parameter(Sign.NOT_NEGATIVE)] = 0.0
     recontact: Recontact | None = None
     horizon: float = 10.0
 
@@ -385,11 +418,14 @@ class Separation:
             if points.shape[1:] != (3,) or not np.isfinite(points).all():
                 raise ValueError(f"envelope has shape {points.shape}; finite points of 3 coordinates [m] are allowed")
             object.__setattr__(self, "envelope", points)
-            if self.recess_points().size == 0:
-                raise ValueError(
-                    f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m (struts add their stowed "
-                    "length to y); give one that does"
-                )
+        self._check_parameters()
+
+    def _check_parameters(self):
+        if self.envelope is not None and self.recess_points().size == 0:
+            raise ValueError(
+                f"envelope: no point lies in the recess, 0 <= y < {self.recess_depth} m (struts add their stowed "
+                "length to y); give one that does"
+            )
         problem = invalid_parameter(self, self.parameters())
         if problem:
             raise ValueError(problem)
@@ -400,21 +436,104 @@ class Separation:
             [
                 self.platform.parameters(),
                 self.satellite.parameters(),
-                self.rates,
-                self.mounting_error,
-                [self.stowed_length, self.recess_radius, self.recess_depth],
-                self.impulse,
-                self.angular_impulse,
-                [self.guide_friction],
+                *(np.atleast_1d(getattr(self, name)) for name in parameter_fields(Separation)),
                 self.springs.parameters(),
                 self.recess_planes[:, 3],
             ]
         )
 
+    def with_parameters(self, vector: np.ndarray) -> "Separation":
+        """The separation that has these parameters, and all else from this one: the inverse of `parameters`.
+
+        Parameters
+        ----------
+        vector : array_like, shape (P,)
+            In the order of `parameter_names` [SI].
+
+        Returns
+        -------
+        separation : Separation
+            Its `parameters` are the vector, to the last bit.
+
+        Raises
+        ------
+        ValueError
+            If the vector has another shape, or a value is not allowed; the message names it.
+
+        Examples
+        --------
+        >>> from satsep_ot.model.case import load_case
+        >>> separation = load_case("reference").separation
+        >>> vector = separation.parameters()
+        >>> vector[separation.parameter_names().index("satellite.mass")] = 110.0
+        >>> separation.with_parameters(vector).satellite.mass
+        110.0
+        """
+        vector = np.array(vector, dtype=float)
+        where = self.parameter_places()
+        if vector.shape != (len(where),):
+            raise ValueError(f"the parameter vector has shape {vector.shape}; ({len(where)},) is needed")
+        numbers: dict[str, list[float]] = {}
+        for place, value in zip(where, vector, strict=True):
+            owner = place.path.split(".")[0]
+            numbers.setdefault(owner, []).append(float(value))
+        # Not `replace`: attitude and planes, scaled to length 1 once more, would change in the last bit.
+        changed = copy.copy(self)
+        planes = self.recess_planes.copy()
+        planes[:, 3] = numbers.pop("recess_planes", [])
+        object.__setattr__(changed, "recess_planes", planes)
+        for owner in ("platform", "satellite", "springs"):
+            part = getattr(self, owner).with_parameters(np.array(numbers.pop(owner)))
+            object.__setattr__(changed, owner, part)
+        for name, values in numbers.items():
+            size = len(parameter_fields(Separation)[name].elements)
+            object.__setattr__(changed, name, values[0] if size == 1 else np.array(values))
+        changed._check_parameters()
+        return changed
+
+    def parameter_places(self) -> list[Place]:
+        """What stands where in the flat parameter vector, P places; springs and planes are numbered from 0."""
+        return [
+            *_COMMON_PLACES,
+            *(place for i in range(len(self.springs)) for place in places(Springs, "springs", i)),
+            *(Place("recess_planes.offset", "", Sign.ANY, i) for i in range(len(self.recess_planes))),
+        ]
+
     def parameter_names(self) -> list[str]:
         """The P names of the flat parameter vector."""
-        springs = [f"springs[{i}].{name}" for i in range(len(self.springs)) for name in _SPRING_NAMES]
-        return [*_COMMON_NAMES, *springs, *(f"planes[{i}].offset" for i in range(len(self.recess_planes)))]
+        return [place.name for place in self.parameter_places()]
+
+    def unused_parameters(self) -> dict[str, str]:
+        """Names of the parameters that play no part in this separation, each with the reason.
+
+        Those of springs and guides are 0.
+        """
+        unused = self._zero_parameters()
+        if self.envelope is None:
+            recess = [place.name for place in self.parameter_places() if place.path.startswith("recess_")]
+            unused |= dict.fromkeys(recess, "only the points of an envelope are followed through a recess")
+        elif self.recess_radius == 0.0:
+            unused["recess_radius"] = "planes alone bound the recess"
+        return unused
+
+    def _zero_parameters(self):
+        zero = {}
+        if self.force_line != ForceLine.STRUT:
+            zero["stowed_length"] = "only struts have a stowed length"
+        if self.force_line != ForceLine.NORMAL:
+            zero["guide_friction"] = "only the force line NORMAL loads the guides laterally"
+        for i in np.flatnonzero(self.springs.laws != ForceLaw.LINEAR):
+            for name in ("stiffness", "deformation"):
+                zero[f"springs[{i}].{name}"] = "another law than the linear one holds for this spring"
+        return zero
+
+    def _sign_needed(self, place):
+        if place.path in ("recess_radius", "recess_depth") and self.envelope is None:
+            return Sign.ANY
+        # Radius 0 is a recess without a cylinder, which planes must bound.
+        if place.path == "recess_radius" and len(self.recess_planes):
+            return Sign.NOT_NEGATIVE
+        return place.sign
 
     def recess_points(self) -> np.ndarray:
         """The envelope points that start in the recess, shape (E', 3) [m]: those whose clearance is followed."""
@@ -437,59 +556,42 @@ class Separation:
         return np.concatenate([[self.orbit.mu], position, self.orbit.velocity + turn @ np.cross(self.rates, arm)])
 
 
-COMMON_SIZE = len(_COMMON_NAMES)
-SPRING_SIZE = len(_SPRING_NAMES)
+_COMMON_PLACES = [*places(Body, "platform"), *places(Body, "satellite"), *places(Separation)]
+COMMON_SIZE = len(_COMMON_PLACES)
+SPRING_SIZE = len(places(Springs))
 
-LARGEST = 1e30  # far beyond any physical value, so that no product overflows
+
+def _first(path):
+    return next(k for k, place in enumerate(_COMMON_PLACES) if place.path.startswith(path))
+
 
 # Positions in the flat parameter vector, for the kernels.
-PLATFORM, SATELLITE, RATES, MOUNTING_ERROR = integers(0, 10, 20, 23)
-STOWED, RECESS_RADIUS, RECESS_DEPTH = integers(26, 27, 28)
-IMPULSE, ANGULAR_IMPULSE, FRICTION_COEFFICIENT = integers(29, 32, 35)
+PLATFORM, SATELLITE = integers(_first("platform"), _first("satellite"))
+RATES, MOUNTING_ERROR, STOWED = integers(_first("rates"), _first("mounting_error"), _first("stowed_length"))
+RECESS_RADIUS, RECESS_DEPTH = integers(_first("recess_radius"), _first("recess_depth"))
+IMPULSE, ANGULAR_IMPULSE = integers(_first("impulse"), _first("angular_impulse"))
+FRICTION_COEFFICIENT = integers(_first("guide_friction"))[0]
 
 
 def invalid_parameter(separation: Separation, parameters: np.ndarray) -> str | None:
     """What is wrong with a parameter vector, in one sentence that names it; None if nothing is."""
-    laws = separation.springs.laws
-    for name, value in zip(separation.parameter_names(), parameters, strict=True):
-        last = name.split(".")[-1]
+    zero = separation._zero_parameters()
+    for place, value in zip(separation.parameter_places(), parameters, strict=True):
         if not np.abs(value) < LARGEST:
-            return f"{name} = {value}; a finite number of size below {LARGEST:g} is allowed"
-        linear = not name.startswith("springs") or laws[int(name[8 : name.index("]")])] == ForceLaw.LINEAR
-        if (last in ("mass", "stroke") or (last in ("stiffness", "deformation") and linear)) and value <= 0.0:
-            return f"{name} = {value}; a positive number is allowed"
-        if last in ("stiffness", "deformation") and not linear and value != 0.0:
-            return f"{name} = {value}; 0 is allowed, since another law than the linear one holds for this spring"
-        if name.startswith("springs") and last in ("radius", "delay", "scale") and value < 0.0:
-            return f"{name} = {value}; a number that is not negative is allowed"
+            return f"{place.name} = {value}; a finite number of size below {LARGEST:g} is allowed"
+        if place.name in zero:
+            if value != 0.0:
+                return f"{place.name} = {value}; 0 is allowed, since {zero[place.name]}"
+            continue
+        sign = separation._sign_needed(place)
+        if not sign.allows(value):
+            number = "a positive number" if sign is Sign.POSITIVE else "a number that is not negative"
+            return f"{place.name} = {value}; {number} is allowed"
     for body, start in (("platform", PLATFORM), ("satellite", SATELLITE)):
-        xx, yy, zz, xy, xz, yz = parameters[start + 1 : start + 7]
-        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-        if moments[0] <= 0.0:
-            return f"{body}.inertia has the principal moments {moments} kg m2; positive ones are allowed"
-        if moments[0] + moments[1] < moments[2] * (1.0 - 1e-9):
+        moments = np.linalg.eigvalsh(inertia_tensor(*parameters[start + 1 : start + 7]))
+        if not is_inertia(moments):
             return (
-                f"{body}.inertia has the principal moments {moments} kg m2; none may exceed the sum of the other two "
-                "(triangle inequality)"
+                f"{body}.inertia has the principal moments {moments} kg m2; positive ones are allowed, none above the "
+                "sum of the other two (triangle inequality)"
             )
-    stowed, friction = parameters[STOWED], parameters[FRICTION_COEFFICIENT]
-    if separation.force_line == ForceLine.STRUT and stowed <= 0.0:
-        return (
-            f"stowed_length = {stowed} m; a strut needs a positive one, since with coinciding seats it has no "
-            "direction and buckles"
-        )
-    if separation.force_line != ForceLine.STRUT and stowed != 0.0:
-        return f"stowed_length = {stowed} m; 0 is allowed here (only struts have a stowed length)"
-    if friction < 0.0 or (separation.force_line != ForceLine.NORMAL and friction != 0.0):
-        return (
-            f"guide_friction = {friction}; 0, or a positive coefficient with the force line NORMAL, is allowed: the "
-            "only one that loads the guide laterally"
-        )
-    radius, depth = parameters[RECESS_RADIUS : RECESS_DEPTH + 1]
-    walls = radius > 0.0 or (radius == 0.0 and len(separation.recess_planes))
-    if separation.envelope is not None and not (depth > 0.0 and walls):
-        return (
-            f"recess: radius = {radius} m, depth = {depth} m; a positive depth is allowed, and a positive radius (or 0 "
-            "where planes bound it)"
-        )
     return None

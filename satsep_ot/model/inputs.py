@@ -47,8 +47,8 @@ _POSITIVE = (
     ".deformation",
     ".stroke",
     "stowed_length",
-    "recess.radius",
-    "recess.depth",
+    "recess_radius",
+    "recess_depth",
 )
 # What people write, without case and separators, for a word that is spelt otherwise: another one would be nearer.
 _SYNONYMS = dict.fromkeys(("3sigma", "3s", "sigma3"), "three_sigma") | dict.fromkeys(
@@ -196,10 +196,10 @@ def scatter_targets(separation: Separation) -> dict[str, Target]:
     if separation.envelope is not None:
         # Radius 0 is a recess without a cylinder.
         for size in ("radius", "depth") if separation.recess_radius > 0.0 else ("depth",):
-            targets[f"envelope.recess_{size}"] = Target((f"recess.{size}",), "mm", 1e-3, f"{size} of the recess")
+            targets[f"envelope.recess_{size}"] = Target((f"recess_{size}",), "mm", 1e-3, f"{size} of the recess")
         for i in range(1, len(separation.recess_planes) + 1):
             targets[f"envelope.planes.{i}.offset"] = Target(
-                (f"planes[{i - 1}].offset",), "mm", 1e-3, f"offset of plane {i} of the recess"
+                (f"recess_planes[{i - 1}].offset",), "mm", 1e-3, f"offset of plane {i} of the recess"
             )
     return targets
 

@@ -221,7 +221,7 @@ def scipy_run(separation, row, rtol=1e-8, atol=1e-12):
     velocity, rates = turn.T @ x[3:6], x[9:12]
     exits = np.empty(len(points))
     if len(points):
-        threshold = value["recess.depth"] - cg[0][1]
+        threshold = value["recess_depth"] - cg[0][1]
         events = [to_exit(i) for i in range(len(points))]
 
         def all_out(t, x):
@@ -233,7 +233,7 @@ def scipy_run(separation, row, rtol=1e-8, atol=1e-12):
             # The last exit ends the run: the event may be found there rather than before.
             y = (found if len(found) else coast.y_events[-1])[0]
             place = cg[0] + rotation(y[12:16]).T @ (y[0:3] + rotation(y[16:20]) @ points[i])
-            exits[i] = value["recess.radius"] - math.hypot(place[0], place[2])
+            exits[i] = value["recess_radius"] - math.hypot(place[0], place[2])
     return velocity[1], math.hypot(velocity[0], velocity[2]), rates, releases, exits
 
 
