@@ -350,3 +350,13 @@ def test_the_probability_of_a_short_re_contact_distance():
     assert count > 100
     assert probability == pytest.approx(count / 20_000, abs=4.0 * np.sqrt(count) / 20_000)
     assert algorithm.getResult().getEvaluationNumber() < 2000
+
+
+def test_names_of_smooth_components_are_those_of_the_smooth_indices():
+    problem = SeparationProblem("reference")
+    for requirement in [None, *problem.getRequirementNames()]:
+        function, _, smooth, _ = problem.getComponents(requirement)
+        labels = [function.getOutputDescription()[index] for index in smooth]
+        names = problem.getSmoothComponentNames(requirement)
+        assert len(names) == len(labels) > 0
+        assert all(label.startswith(f"{name} [") for name, label in zip(names, labels, strict=True))

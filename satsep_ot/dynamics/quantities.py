@@ -21,7 +21,8 @@ DEGREES = 180.0 / math.pi
 class Quantity(NamedTuple):
     """A named quantity of interest:
 
-    `value` and `gradient` take the base (n, B); `columns` are those that it depends on.
+    `value` and `gradient` take the base (n, B); `columns` are those that it depends on. `part_of` names the quantity
+    that this one is a part of, as the clearance of one point is; it is empty for the others.
     """
 
     unit: str
@@ -29,6 +30,7 @@ class Quantity(NamedTuple):
     columns: tuple
     value: Callable
     gradient: Callable  # (n, len(columns))
+    part_of: str = ""
 
 
 def _scaled(unit, description, column, factor=1.0):
@@ -93,7 +95,7 @@ def quantity_table(separation: Separation) -> dict[str, Quantity]:
             f"clearance of the envelope point ({place}) mm at the instant at which it leaves the recess",
             CLEARANCE + 1 + i,
             1e3,
-        )
+        )._replace(part_of="clearance")
     if separation.recontact is not None:
         window = separation.recontact
         table["recontact_distance"] = _scaled(

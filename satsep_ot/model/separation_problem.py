@@ -185,19 +185,8 @@ class SeparationProblem:
         ValueError
             If there is no such requirement or quantity; a CaseError if the case has no requirements at all.
         """
-        if requirement is None:
-            requirements = self._case.requirements
-            if not requirements:
-                raise CaseError(f"{self._case.name}: the case has no requirements; give at least one [[requirements]]")
-        else:
-            requirements = [self._requirement(requirement)]
-        names, smooth = [], []
-        for quantity in (entry.quantity for entry in requirements):
-            smooth += self._smooth_components(quantity)
-            names += [] if quantity in _COMPOSED else [quantity]
-            names += self._smooth_components(quantity)
-        names, smooth = list(dict.fromkeys(names)), set(smooth)
-        smooth_names = [name for name in names if name in smooth]
+        requirements = self._requirements(requirement)
+        names, smooth_names = self._component_names(requirements)
         # Not getMarginal, whose Hessian has no diagonal in OpenTURNS 1.27: SORM would be wrong.
         function = ot.Function(SeparationFunction(self._case, quantities=names))
 
@@ -218,6 +207,39 @@ class SeparationProblem:
             [names.index(name) for name in smooth_names],
             compose(smooth_names, False),
         )
+
+    def getSmoothComponentNames(self, requirement: str | Requirement | None = None) -> list[str]:
+        """Names of the smooth components behind an event, in the order of the smooth indices of `getComponents`.
+
+        Parameters
+        ----------
+        requirement : str or Requirement, optional
+            As for `getComponents`.
+
+        Returns
+        -------
+        names : list of str
+            Quantities of interest.
+        """
+        return self._component_names(self._requirements(requirement))[1]
+
+    def _requirements(self, requirement):
+        """The requirement, or all of the case for None."""
+        if requirement is not None:
+            return [self._requirement(requirement)]
+        if not self._case.requirements:
+            raise CaseError(f"{self._case.name}: the case has no requirements; give at least one [[requirements]]")
+        return list(self._case.requirements)
+
+    def _component_names(self, requirements):
+        """Names of all components of requirements, and of those that are smooth."""
+        names, smooth = [], set()
+        for quantity in (entry.quantity for entry in requirements):
+            parts = self._smooth_components(quantity)
+            names += parts if quantity in _COMPOSED else [quantity, *parts]
+            smooth |= set(parts)
+        names = list(dict.fromkeys(names))
+        return names, [name for name in names if name in smooth]
 
     def _event(self, function, comparison, threshold, name):
         variable = ot.CompositeRandomVector(function, ot.RandomVector(self.getDistribution()))
@@ -249,9 +271,7 @@ class SeparationProblem:
         """Names of the smooth quantities that this one is, or nearly always is, made of."""
         if quantity in _COMPOSED:
             return list(_COMPOSED[quantity])
-        if quantity == "clearance":
-            return [name for name in self._quantities if name.startswith("exit_clearance")]
-        return [quantity]
+        return [name for name, entry in self._quantities.items() if entry.part_of == quantity] or [quantity]
 
     def _quantity(self, quantity, variables, exact):
         """A quantity as a native function of the variables: its smooth components, or (exact) the clearance itself."""
