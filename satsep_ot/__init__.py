@@ -5,7 +5,11 @@ The public names below are loaded when they are first used, so that `import sats
 
 from importlib import import_module
 
+from satsep_ot.moved_modules import install as _install_moved_modules
+
 __version__ = "0.1.0"
+
+_install_moved_modules()
 
 _HOMES = {
     "ActiveSubspaceAlgorithm": "methods.subspaces.algorithm",

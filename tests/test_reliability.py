@@ -10,12 +10,12 @@ import openturns as ot
 import pytest
 from scipy.stats import norm
 
+from satsep_ot.methods.common.intervals import IntervalLaw, clopperPearson
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem
 from satsep_ot.methods.reliability import algorithm as reliability
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent
 from satsep_ot.methods.reliability.proposal import GaussianMixture, ModeMixture, Pool, fitImportantRegion, paretoShape
-from satsep_ot.methods.reliability.result import IntervalLaw, clopperPearson
 from satsep_ot.methods.reliability.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
 from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 from satsep_ot.openturns_adapter import callFunction

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from satsep_ot import cli
-from satsep_ot.methods.reliability.result import clopperPearson
+from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.separation_study import SeparationStudy

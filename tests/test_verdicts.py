@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from satsep_ot.methods.reliability.result import clopperPearson
+from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.studies.telling.verdicts import Verdict, best_row, contradiction, headline, judge, with_bound
 
 

@@ -24,12 +24,13 @@ import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.methods.common.storage import syncDirectory, writeWhole
 from satsep_ot.methods.comparison.comparison import METHODS, ReliabilityComparison, ReliabilityMethod, Row
 from satsep_ot.methods.comparison.methods import ActiveSubspace
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
-from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult, clopperPearson
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.methods.subspaces.dimension import energy_dimension

@@ -12,7 +12,7 @@ import openturns as ot
 
 import satsep_ot
 from satsep_ot.dynamics.simulation import simulate
-from satsep_ot.methods.reliability.result import clopperPearson
+from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

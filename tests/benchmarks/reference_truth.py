@@ -11,7 +11,7 @@ from importlib import metadata
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.reliability.result import clopperPearson
+from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

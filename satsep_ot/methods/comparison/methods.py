@@ -14,10 +14,11 @@ import openturns as ot
 import openturns.experimental as otexp
 from numpy.typing import ArrayLike
 
+from satsep_ot.methods.common.intervals import clopperPearson, logNormalInterval
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.limit_state import Limit
-from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult, clopperPearson
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
 from satsep_ot.openturns_adapter import Counter, callFunction, errorMessage, multiFORMProbability, raiseInterrupt
 
@@ -106,11 +107,6 @@ class ReliabilityMethod(abc.ABC):
     def __repr__(self) -> str:
         settings = ", ".join(f"{key}={value!r}" for key, value in vars(self).items())
         return f"{type(self).__name__}({settings})"
-
-
-def _logNormalInterval(probability, variation):
-    width = 1.959963984540054 * math.sqrt(math.log1p(variation**2))
-    return probability * math.exp(-width), min(probability * math.exp(width), 1.0)
 
 
 class ActiveSubspace(ReliabilityMethod):
@@ -392,7 +388,7 @@ class SimulationMethod(ReliabilityMethod):
         incomplete = self.incomplete(problem, algorithm)
         if incomplete:
             return Row(self.name, note=incomplete)
-        lower, upper = _logNormalInterval(probability, variation)
+        lower, upper = logNormalInterval(probability, variation**2)
         return Row(self.name, probability, lower, upper, variation, converged=True, note=self.interval_note)
 
     def incomplete(self, problem: CountedProblem, algorithm: Any) -> str:

@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 import openturns as ot
 
+from satsep_ot.methods.common.intervals import clopperPearson
+from satsep_ot.methods.common.margins import thresholdMargin
 from satsep_ot.methods.parallel.function import FunctionWork, wrongResult
 from satsep_ot.methods.parallel.scheduler import Chunk, ChunkScheduler, Work
-from satsep_ot.methods.reliability.limit_state import thresholdMargin
-from satsep_ot.methods.reliability.result import clopperPearson
 
 # Blocks that a worker makes at once.
 _CHUNK_BLOCKS = 16

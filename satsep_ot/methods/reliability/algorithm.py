@@ -9,6 +9,7 @@ import numpy as np
 import openturns as ot
 from scipy.special import ndtr
 
+from satsep_ot.methods.common.intervals import IntervalLaw
 from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.reliability.limit_state import NON_FINITE_POLICIES, LimitStateEvent, Runs, checkedKind
 from satsep_ot.methods.reliability.proposal import ModeMixture, Pool, fitImportantRegion
@@ -16,7 +17,6 @@ from satsep_ot.methods.reliability.result import (
     ActiveSubspaceReliabilityResult,
     Block,
     Estimate,
-    IntervalLaw,
     SurrogateView,
     diagnose,
     failureSampleOf,

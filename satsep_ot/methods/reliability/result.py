@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import openturns as ot
-from scipy import stats
 
+from satsep_ot.methods.common.intervals import IntervalLaw
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.reliability import sensitivity as fs
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
@@ -22,60 +22,6 @@ from satsep_ot.openturns_adapter import fromXML
 _SURROGATE_POINTS = 10_000
 _CONTOUR_POINTS = 61
 _FORMAT = "ActiveSubspaceReliabilityResult 3"
-
-
-def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float, float]:
-    """Exact interval of a binomial probability (Clopper and Pearson, Biometrika 1934).
-
-    With no failure the lower bound is 0 and the upper bound is one-sided at the same level, about 3 / runs at 95 %.
-    So an interval of 95 % holds the probability in at least 95 % of samples, but in 93.8 % at the worst where 3.0 to
-    3.5 failures are expected.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.reliability.result import clopperPearson
-    >>> [round(bound, 4) for bound in clopperPearson(0, 1000)]
-    [0.0, 0.003]
-    """
-    tail = 1.0 - level if failures in (0, runs) else 0.5 * (1.0 - level)
-    lower = 0.0 if failures == 0 else float(stats.beta.ppf(tail, failures, runs - failures + 1))
-    upper = 1.0 if failures == runs else float(stats.beta.isf(tail, failures + 1, runs - failures))
-    return lower, upper
-
-
-@dataclasses.dataclass(frozen=True)
-class IntervalLaw:
-    """Where the interval of a probability comes from.
-
-    Attributes
-    ----------
-    probability, variance, freedom : float
-        Of a log-normal estimate with Student quantiles; from 0 where the estimate is not positive.
-    failures, runs : int
-        Of a binomial one, which is used where ``runs`` is not 0.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.reliability.result import IntervalLaw
-    >>> [f"{bound:.3e}" for bound in IntervalLaw(1e-3, 1e-10, 50.0).bounds(0.95)]
-    ['9.801e-04', '1.020e-03']
-    """
-
-    probability: float = 0.0
-    variance: float = 0.0
-    freedom: float = math.inf
-    failures: int = 0
-    runs: int = 0
-
-    def bounds(self, level: float) -> tuple[float, float]:
-        """Lower and upper bound at a level."""
-        if self.runs:
-            return clopperPearson(self.failures, self.runs, level)
-        quantile = float(stats.t.ppf(0.5 + 0.5 * level, self.freedom))
-        if self.probability <= 0.0:
-            return 0.0, min(max(self.probability, 0.0) + quantile * math.sqrt(self.variance), 1.0)
-        width = quantile * math.sqrt(math.log1p(self.variance / self.probability**2))
-        return self.probability * math.exp(-width), min(self.probability * math.exp(width), 1.0)
 
 
 @dataclasses.dataclass

@@ -14,6 +14,7 @@ import openturns as ot
 from scipy import stats
 from scipy.special import ndtri
 
+from satsep_ot.methods.common.intervals import IntervalLaw, logNormalInterval
 from satsep_ot.openturns_adapter import parameterNames
 
 # Change of the logarithm of a density between the two points of a difference: its square and the rounding are small.
@@ -357,7 +358,6 @@ def computeProbability(
     ratio = np.exp(np.minimum(np.where(np.isfinite(logRatio), logRatio, -np.inf), 700.0))
     value, variance, freedom = sample.expectation(ratio)
     value = min(value, 1.0)
-    quantile = float(stats.t.ppf(0.5 + 0.5 * level, freedom))
     failures = (sample.ratios * ratio)[sample.failed]
     squared = float((failures**2).sum())
     effective = float(failures.sum()) ** 2 / squared if squared > 0.0 else 0.0
@@ -370,12 +370,10 @@ def computeProbability(
     elif value <= 0.0 or math.sqrt(variance) > 0.5 * value:
         warning = "the new weights leave an error of more than half of the probability: run the algorithm with it"
     if value <= 0.0:
-        return ReweightedProbability(
-            0.0, 0.0, min(max(value, 0.0) + quantile * math.sqrt(variance), 1.0), math.inf, effective, warning
-        )
+        bounds = IntervalLaw(value, variance, freedom).bounds(level)
+        return ReweightedProbability(0.0, *bounds, math.inf, effective, warning)
     variation = math.sqrt(variance) / value
-    width = quantile * math.sqrt(math.log1p(variation**2))
-    lower, upper = value * math.exp(-width), min(value * math.exp(width), 1.0)
+    lower, upper = logNormalInterval(value, variation**2, level, freedom)
     return ReweightedProbability(value, lower, upper, variation, effective, warning)
 
 
