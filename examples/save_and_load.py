@@ -12,7 +12,7 @@ from pathlib import Path
 
 import openturns as ot
 
-from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm

@@ -19,7 +19,7 @@ _HOMES = {
     "CaseError": "model.case",
     "MonteCarloStream": "methods.parallel.monte_carlo_stream",
     "MultivariatePolynomialRegression": "methods.polynomials.regression",
-    "MultivariatePolynomialRegressionResult": "methods.polynomials.regression",
+    "MultivariatePolynomialRegressionResult": "methods.polynomials.regression_result",
     "ParallelFunction": "methods.parallel.function",
     "PolynomialDistribution": "methods.polynomials.distribution",
     "BenchmarkTask": "methods.comparison.benchmark",

@@ -35,11 +35,16 @@ MOVED: dict[str, tuple[str, ...]] = {
     "methods.limit_state_surrogate": ("methods.reliability.surrogate",),
     "methods.monte_carlo_stream": ("methods.parallel.monte_carlo_stream",),
     "methods.parallel_function": ("methods.parallel.function", "openturns_adapter"),
-    "methods.polynomial_basis": ("methods.polynomials.basis",),
+    "methods.polynomial_basis": ("methods.polynomials.basis", "methods.polynomials.fit"),
     "methods.polynomial_design": ("methods.polynomials.design",),
     "methods.polynomial_distribution": ("methods.polynomials.distribution",),
     "methods.polynomial_prediction": ("methods.polynomials.prediction",),
-    "methods.polynomial_regression": ("methods.polynomials.regression",),
+    "methods.polynomial_regression": (
+        "methods.polynomials.regression",
+        "methods.polynomials.regression_result",
+        "methods.polynomials.families",
+        "methods.polynomials.fit",
+    ),
     "methods.reliability": ("methods.reliability.algorithm", "methods.reliability.result"),
     "methods.reliability_benchmark": ("methods.comparison.benchmark",),
     "methods.reliability_methods": ("methods.comparison.methods", "openturns_adapter"),
@@ -58,7 +63,10 @@ MOVED: dict[str, tuple[str, ...]] = {
     "studies.verdicts": ("studies.telling.verdicts",),
 }
 # What has another name in its new module.
-RENAMED = {"methods.parallel_function._Shared": "Shared"}
+RENAMED = {
+    "methods.parallel_function._Shared": "Shared",
+    "methods.polynomial_regression._Reduction": "PolynomialFamilies",
+}
 _PACKAGE = "satsep_ot."
 
 
@@ -94,6 +102,28 @@ def forwarding(name: str) -> Callable[[str], Any]:
         raise AttributeError(f"module '{name}' has no attribute '{attribute}'")
 
     return find
+
+
+def restoring(**fields: str | None) -> Callable[[Any, dict[str, Any]], None]:
+    """The ``__setstate__`` of a class whose attributes had other names: new name, or None for what is left out.
+
+    Examples
+    --------
+    >>> from satsep_ot.moved_modules import restoring
+    >>> class Point:
+    ...     __setstate__ = restoring(_x="x", _cache=None)
+    >>> point = Point()
+    >>> point.__setstate__({"_x": 1.0, "y": 2.0, "_cache": 3.0})
+    >>> vars(point)
+    {'x': 1.0, 'y': 2.0}
+    """
+
+    def restore(self, state):
+        names = {name: fields.get(name, name) for name in state}
+        # Not by setattr: the object may be frozen.
+        vars(self).update({new: state[name] for name, new in names.items() if new is not None})
+
+    return restore
 
 
 class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):

@@ -50,7 +50,6 @@ ROOMS = {
 # Circles of imports that are still to be opened.
 CIRCLES = [
     {"satsep_ot.dynamics.relative_orbit", "satsep_ot.dynamics.separation"},
-    {"satsep_ot.methods.polynomials.basis", "satsep_ot.methods.polynomials.prediction"},
 ]
 STANDARD_LIBRARY = {
     "abc", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses", "datetime",

@@ -8,13 +8,10 @@ import pytest
 from numpy.polynomial import hermite_e, legendre
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from satsep_ot.methods.polynomials import basis as polynomial_basis
-from satsep_ot.methods.polynomials.basis import (
-    PolynomialBasis,
-    fit_polynomial,
-    number_of_terms,
-    total_degree_indices,
-)
+from satsep_ot.methods.polynomials import fit as polynomial_fit
+from satsep_ot.methods.polynomials.basis import PolynomialBasis, number_of_terms, total_degree_indices
+from satsep_ot.methods.polynomials.fit import fit_polynomial
+from satsep_ot.methods.polynomials.prediction import predict, predict_gradient, predict_hessian
 
 
 def hermite(order, x):
@@ -43,8 +40,8 @@ def test_basis_and_prediction_match_products_of_numpy_polynomials(random, dimens
     reference = brute_force(basis, points)
     np.testing.assert_allclose(basis.evaluate(points), reference, atol=1e-11, rtol=1e-11)
     coefficients = random.standard_normal((basis.size, 2))
-    np.testing.assert_allclose(basis.predict(points, coefficients), reference.T @ coefficients, atol=1e-10)
-    np.testing.assert_allclose(basis.predict(points, coefficients[:, 0]), reference.T @ coefficients[:, 0], atol=1e-10)
+    np.testing.assert_allclose(predict(basis, coefficients, points), reference.T @ coefficients, atol=1e-10)
+    np.testing.assert_allclose(predict(basis, coefficients[:, 0], points), reference.T @ coefficients[:, 0], atol=1e-10)
 
 
 def test_ten_variables_are_split_by_degree(random):
@@ -53,7 +50,7 @@ def test_ten_variables_are_split_by_degree(random):
     points = random.standard_normal((30, 10))
     coefficients = random.standard_normal(basis.size)
     np.testing.assert_allclose(
-        basis.predict(points, coefficients), brute_force(basis, points).T @ coefficients, rtol=1e-9
+        predict(basis, coefficients, points), brute_force(basis, points).T @ coefficients, rtol=1e-9
     )
 
 
@@ -78,20 +75,20 @@ def test_derivatives_match_differences_of_the_polynomial(random):
     position = basis.indices.tolist().index([3, 0])
     np.testing.assert_allclose(basis.evaluate(points)[position], third, atol=1e-12)
     coefficients = random.standard_normal(basis.size)
-    gradient = basis.predict_gradient(points, coefficients)
-    hessian = basis.predict_hessian(points, coefficients)
+    gradient = predict_gradient(basis, coefficients, points)
+    hessian = predict_hessian(basis, coefficients, points)
     for j in range(2):
         step = 1e-5 * np.eye(2)[j]
         forward, backward = points + step, points - step
         np.testing.assert_allclose(
             gradient[:, j],
-            (basis.predict(forward, coefficients) - basis.predict(backward, coefficients)) / 2e-5,
+            (predict(basis, coefficients, forward) - predict(basis, coefficients, backward)) / 2e-5,
             rtol=1e-6,
             atol=1e-5,
         )
         np.testing.assert_allclose(
             hessian[:, j],
-            (basis.predict_gradient(forward, coefficients) - basis.predict_gradient(backward, coefficients)) / 2e-5,
+            (predict_gradient(basis, coefficients, forward) - predict_gradient(basis, coefficients, backward)) / 2e-5,
             rtol=1e-6,
             atol=1e-4,
         )
@@ -203,8 +200,8 @@ def test_long_designs_are_factorised_in_blocks(random, weighted, monkeypatch):
     points, values = random.standard_normal((1000, 2)), random.standard_normal((1000, 2))
     weights = random.uniform(0.0, 1.0, 1000) if weighted else None
     whole = fit_polynomial(basis, points, values, weights)
-    monkeypatch.setattr(polynomial_basis, "BLOCK_NUMBERS", 12)
-    monkeypatch.setattr(polynomial_basis, "ROWS_PER_COLUMN", 3)
+    monkeypatch.setattr(polynomial_fit, "BLOCK_NUMBERS", 12)
+    monkeypatch.setattr(polynomial_fit, "ROWS_PER_COLUMN", 3)
     blocks = fit_polynomial(basis, points, values, weights)
     np.testing.assert_allclose(blocks.coefficients, whole.coefficients, atol=1e-13)
     np.testing.assert_allclose(blocks.leverages, whole.leverages, atol=1e-13)
@@ -236,7 +233,7 @@ def test_normal_equations_lose_no_digit_that_matters(random, dimension, size, we
     values = 1e6 + np.column_stack([np.exp(points.sum(axis=1) / dimension), random.standard_normal(size)])
     weights = random.uniform(0.1, 2.0, size) if weighted else None
     found = fit_polynomial(basis, points, values, weights)
-    monkeypatch.setattr(polynomial_basis, "NORMAL_CONDITION", 0.0)
+    monkeypatch.setattr(polynomial_fit, "NORMAL_CONDITION", 0.0)
     reference = fit_polynomial(basis, points, values, weights)
     scale = np.abs(reference.coefficients).max(axis=0)
     assert (np.abs(found.coefficients - reference.coefficients) / scale).max() < 1e-12
@@ -250,7 +247,7 @@ def test_normal_equations_are_left_where_they_would_lose_digits(random, monkeypa
     values = random.standard_normal(200)
     fit = fit_polynomial(basis, points, values)
     assert fit.condition > 1e4
-    monkeypatch.setattr(polynomial_basis, "NORMAL_CONDITION", 0.0)
+    monkeypatch.setattr(polynomial_fit, "NORMAL_CONDITION", 0.0)
     assert np.array_equal(fit.coefficients, fit_polynomial(basis, points, values).coefficients)
 
 
@@ -286,7 +283,7 @@ def test_only_large_fits_use_several_threads(dimension, size, threads, monkeypat
     def number(*arguments):
         seen.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
 
-    monkeypatch.setattr(polynomial_basis, "_least_squares", number)
+    monkeypatch.setattr(polynomial_fit, "_least_squares", number)
     with threadpool_limits(2, user_api="blas"):
         fit_polynomial(PolynomialBasis(dimension, 1), np.zeros((size, dimension)), np.zeros(size))
     assert set(seen) == {threads}
@@ -308,7 +305,7 @@ def test_the_memory_of_a_fit_does_not_grow_with_the_points(random):
     # The design would take 56 MB, the answers take 1.6 MB.
     for task in (
         lambda: fit_polynomial(basis, points, values),
-        lambda: polynomial_basis._factorise(basis, points, values[:, None], None),
+        lambda: polynomial_fit._factorise(basis, points, values[:, None], None),
         lambda: fit.relative_variance(points),
         lambda: fit.predict(points),
     ):

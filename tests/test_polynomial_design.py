@@ -6,8 +6,9 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
 from satsep_ot.methods.polynomials.design import christoffelDesign, dOptimalDesign
+from satsep_ot.methods.polynomials.fit import fit_polynomial
 
 
 def test_weighted_normal_matrix_is_the_identity_on_average():

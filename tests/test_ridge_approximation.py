@@ -7,7 +7,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.polynomials.basis import fit_polynomial
+from satsep_ot.methods.polynomials.fit import fit_polynomial
 from satsep_ot.methods.subspaces import ridge_approximation, variable_projection
 from satsep_ot.methods.subspaces.estimation import orient, subspace_distance
 from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation

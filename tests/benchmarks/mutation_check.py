@@ -108,7 +108,7 @@ EQUIVALENT = {
         "directions = linear.coefficients[1:, None] / max(np.linalg.norm(linear.coefficients[1:]), 5e-301)",
     ): "a number that is only not to be 0",
     (
-        "methods/polynomials/basis.py",
+        "methods/polynomials/fit.py",
         "lost = slack < LOST_SLACK",
         "lost = slack <= LOST_SLACK",
     ): "they differ where rounding decides anyhow",
@@ -128,7 +128,7 @@ EQUIVALENT = {
         "return value, np.maximum(scale, 1e-12 * max(float(np.abs(value).max()), 2e-300))",
     ): "a number that is only not to be 0",
     (
-        "methods/polynomials/basis.py",
+        "methods/polynomials/fit.py",
         "block = max(256, BLOCK_NUMBERS // width)",
         "block = max(257, BLOCK_NUMBERS // width)",
     ): "how many points are worked on at once, which changes time alone",
@@ -138,7 +138,7 @@ EQUIVALENT = {
         "upper = probability > 0.25",
     ): "the tail that the root is looked for through, of which either has its digits between a quarter and a half",
     (
-        "methods/polynomials/basis.py",
+        "methods/polynomials/fit.py",
         "factor = np.zeros((1, 1))",
         "factor = np.zeros((1, 2))",
     ): "of this placeholder only the diagonal is looked at, and it is 0 either way",

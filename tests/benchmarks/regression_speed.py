@@ -22,8 +22,9 @@ import scipy
 from numpy.polynomial import hermite_e
 from scipy.linalg import lapack
 
-from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
 from satsep_ot.methods.polynomials.distribution import PolynomialDistribution
+from satsep_ot.methods.polynomials.fit import fit_polynomial
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces.estimation import bootstrap_distances, bootstrap_subspace, estimate_subspace
 

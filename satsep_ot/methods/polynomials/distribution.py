@@ -1,5 +1,6 @@
 """Law of a polynomial of up to three standard normals, from its roots instead of from samples."""
 
+import functools
 import math
 
 import numpy as np
@@ -7,7 +8,7 @@ import openturns as ot
 from scipy import optimize, special
 
 from satsep_ot.methods.polynomials.basis import hermite_recurrence
-from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 
 # Lines through the origin, evenly over the half circle, for two variables; a multiple of 4.
 PLANE_LINES = 512
@@ -44,7 +45,7 @@ class PolynomialDistribution:
 
     Parameters
     ----------
-    result : :class:`~satsep_ot.methods.polynomials.regression.MultivariatePolynomialRegressionResult`
+    result : :class:`~satsep_ot.methods.polynomials.regression_result.MultivariatePolynomialRegressionResult`
         A regression with the law ``ot.Normal(r)``, r = 1 to 3.
     output : int
         Which output.
@@ -76,33 +77,12 @@ class PolynomialDistribution:
         coefficients = np.array(result.getCoefficients())
         if not 0 <= output < coefficients.shape[1]:
             raise ValueError(f"The output must be 0 to {coefficients.shape[1] - 1}, got {output}.")
-        self._setUp(result.getIndices(), coefficients[:, output])
-
-    def _setUp(self, indices, coefficients):
-        """Power coefficients (lines, degree + 1) of the polynomial along each line, and the rules."""
+        indices, coefficients = result.getIndices(), coefficients[:, output]
         self._mean = float(coefficients[0])
         self._deviation = float(np.sqrt((coefficients[1:] ** 2).sum()))
-        self._dimension, degree = indices.shape[1], int(indices.max())
-        # Hermite to power basis by the recurrence itself.
-        powers = np.zeros((degree + 1, degree + 1))
-        powers[0, 0] = 1.0
-        for order, (a, _, c) in enumerate(hermite_recurrence(degree)):
-            powers[order + 1, 1:] = a * powers[order, :-1]
-            if order:
-                powers[order + 1] += c * powers[order - 1]
-        monomials = np.zeros((degree + 1,) * self._dimension)
-        monomials[tuple(indices.T)] = coefficients
-        for _ in range(self._dimension):
-            # The first axis is transformed and goes last: after as many turns every axis is back in its place.
-            monomials = np.tensordot(monomials, powers, axes=(0, 0))
-        directions, self._rules = _lines(self._dimension)
-        exponents = np.indices(monomials.shape).reshape(self._dimension, -1).T
-        total = exponents.sum(axis=1)
-        self._power = np.zeros((len(directions), degree + 1))
-        for exponent, order, value in zip(
-            exponents[total <= degree], total[total <= degree], monomials.ravel()[total <= degree], strict=True
-        ):
-            self._power[:, order] += value * (directions**exponent).prod(axis=1)
+        self._dimension = r
+        directions, self._rules = _lines(r)
+        self._power = _line_powers(indices, coefficients, directions)
 
     def __repr__(self) -> str:
         return f"PolynomialDistribution(mean={self._mean:.6g}, standardDeviation={self._deviation:.6g})"
@@ -266,6 +246,32 @@ class PolynomialDistribution:
         return graph
 
 
+def _line_powers(indices, coefficients, directions):
+    """Power coefficients (lines, degree + 1) of a Hermite polynomial along each line through the origin."""
+    dimension, degree = indices.shape[1], int(indices.max())
+    # Hermite to power basis by the recurrence itself.
+    powers = np.zeros((degree + 1, degree + 1))
+    powers[0, 0] = 1.0
+    for order, (a, _, c) in enumerate(hermite_recurrence(degree)):
+        powers[order + 1, 1:] = a * powers[order, :-1]
+        if order:
+            powers[order + 1] += c * powers[order - 1]
+    monomials = np.zeros((degree + 1,) * dimension)
+    monomials[tuple(indices.T)] = coefficients
+    for _ in range(dimension):
+        # The first axis is transformed and goes last: after as many turns every axis is back in its place.
+        monomials = np.tensordot(monomials, powers, axes=(0, 0))
+    exponents = np.indices(monomials.shape).reshape(dimension, -1).T
+    total = exponents.sum(axis=1)
+    result = np.zeros((len(directions), degree + 1))
+    for exponent, order, value in zip(
+        exponents[total <= degree], total[total <= degree], monomials.ravel()[total <= degree], strict=True
+    ):
+        result[:, order] += value * (directions**exponent).prod(axis=1)
+    return result
+
+
+@functools.cache
 def _lines(dimension):
     """Directions (lines, dimension) and rules, the finest first: pairs of a selection of lines and its weights."""
     if dimension == 1:

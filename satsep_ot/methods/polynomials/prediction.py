@@ -1,18 +1,14 @@
 """Polynomials with given coefficients, arranged so that many points are evaluated fast."""
 
+import dataclasses
 import functools
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from satsep_ot.methods.common.single_thread import singleThread
+from satsep_ot.methods.polynomials.basis import BLOCK_NUMBERS, PolynomialBasis
 from satsep_ot.methods.polynomials.index_sets import multiplication_runs, total_degree_indices
 
-if TYPE_CHECKING:
-    from satsep_ot.methods.polynomials.basis import PolynomialBasis
-
-# Numbers evaluated together: the tables of one block stay in the second-level cache.
-BLOCK_NUMBERS = 1 << 17
 # Up to this number of coefficients Horner's rule is faster than matrix products.
 HORNER_COEFFICIENTS = 40
 # Above this number of entries the product of the two halves is done by degree instead of as one dense product.
@@ -50,81 +46,152 @@ class PolynomialPrediction:
 
     def __init__(
         self,
-        basis: "PolynomialBasis",
+        basis: PolynomialBasis,
         coefficients: np.ndarray,
         centre: np.ndarray | None = None,
         slope: np.ndarray | None = None,
     ) -> None:
         self._dimension = basis.dimension
         columns = np.asarray(coefficients, dtype=float).T
-        self._constants = self._schemes = None
+        self._rule: _Constants | _Horner | _SplitProduct
         if basis.size == 1:
-            self._constants = columns
+            self._rule = _Constants(columns)
             return
-        self._standardise(basis.recurrence, centre, slope)
-        powers = _power_coefficients(basis.recurrence)
-        if basis.dimension == 1 or columns.size <= HORNER_COEFFICIENTS:
-            positions = _horner_positions(basis.dimension, basis.degree, basis.norm)
-            converted = columns @ _conversion(basis.indices, powers)
-            self._schemes = [_horner_scheme(positions, row) for row in converted]
-            return
-        self._left, self._right, rows, positions, self._groups = _halves(basis.dimension, basis.degree, basis.norm)
-        left, right = self._left[0], self._right[0]
-        tables = np.zeros((len(columns), len(left), len(right)))
-        tables[:, rows, positions] = columns
-        half = left.shape[1]
-        tables = _conversion(left, powers[:half]).T @ tables @ _conversion(right, powers[half:])
-        self._tables = [
-            [np.ascontiguousarray(t[first:last, :width]) for first, last, width in self._groups] for t in tables
-        ]
-
-    def _standardise(self, recurrence, centre, slope):
-        """Columns (dimension, 1) of t = slope (x - centre), None where that changes nothing."""
-        first, constant = recurrence[:, 0, 0], recurrence[:, 0, 1]
-        slope = first if slope is None else slope * first
-        centre = (0.0 if centre is None else centre) - constant / slope
-        self._centre = centre[:, None] if centre.any() else None
-        self._slope = slope[:, None] if (slope != 1.0).any() else None
+        standardisation = _Standardisation.of(basis.recurrence, centre, slope)
+        few = basis.dimension == 1 or columns.size <= HORNER_COEFFICIENTS
+        self._rule = (_Horner if few else _SplitProduct)(basis, columns, standardisation)
 
     def evaluate(self, points: np.ndarray) -> np.ndarray:
         """Values (p, n) at points (n, dimension)."""
         points = np.asarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != self._dimension:
             raise ValueError(f"The points must have shape (n, {self._dimension}), got {points.shape}.")
-        if self._constants is not None:
-            return np.repeat(self._constants, len(points), axis=1)
-        if self._schemes is not None:
-            return self._evaluateBlocks(self._hornerBlock, points, len(self._schemes), 2 * self._dimension)
-        with singleThread():
-            rows = 2 * len(self._left[0]) + len(self._right[0])
-            return self._evaluateBlocks(self._productBlock, points, len(self._tables), rows)
+        return self._rule.evaluate(points)
 
-    def _evaluateBlocks(self, evaluateBlock, points, outputs, rows):
-        result = np.empty((outputs, len(points)))
-        size = max(256, BLOCK_NUMBERS // rows)
-        for start in range(0, len(points), size):
-            evaluateBlock(points[start : start + size], result[:, start : start + size])
-        return result
 
-    def _hornerBlock(self, points, out):
+def predict(basis: PolynomialBasis, coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Values of the polynomials sum_k coefficients[k] psi_k.
+
+    Parameters
+    ----------
+    basis : :class:`~satsep_ot.methods.polynomials.basis.PolynomialBasis`
+    coefficients : ndarray (size,) or (size, p)
+    points : ndarray (n, dimension)
+
+    Returns
+    -------
+    ndarray (n,) or (n, p)
+    """
+    coefficients = np.asarray(coefficients, dtype=float)
+    values = PolynomialPrediction(basis, coefficients.reshape(basis.size, -1)).evaluate(points)
+    return values[0] if coefficients.ndim == 1 else np.ascontiguousarray(values.T)
+
+
+def predict_gradient(basis: PolynomialBasis, coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Gradients of the polynomials, see :func:`predict`.
+
+    Returns
+    -------
+    ndarray (n, dimension) for coefficients (size,), (n, dimension, p) for (size, p)
+    """
+    slopes = _slopes(basis, np.asarray(coefficients, dtype=float))
+    values = predict(basis, slopes.reshape(basis.size, -1), points)
+    return values.reshape(len(values), *slopes.shape[1:])
+
+
+def predict_hessian(basis: PolynomialBasis, coefficients: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Second derivatives of the polynomials: ndarray (n, dimension, dimension) or (n, dimension, dimension, p)."""
+    slopes = _slopes(basis, np.asarray(coefficients, dtype=float))
+    bends = np.stack([_slopes(basis, slopes[:, j]) for j in range(basis.dimension)], axis=1)
+    values = predict(basis, bends.reshape(basis.size, -1), points)
+    return values.reshape(len(values), *bends.shape[1:])
+
+
+def _slopes(basis, coefficients):
+    """Coefficients (size, dimension) or (size, dimension, p) of the derivatives in each variable."""
+    return np.stack([basis.derivative_coefficients(coefficients, j) for j in range(basis.dimension)], axis=1)
+
+
+@dataclasses.dataclass
+class _Standardisation:
+    """Standardised variables t = slope (x - centre): columns (dimension, 1), None where they change nothing."""
+
+    centre: np.ndarray | None
+    slope: np.ndarray | None
+
+    @staticmethod
+    def of(recurrence, centre, slope):
+        first, constant = recurrence[:, 0, 0], recurrence[:, 0, 1]
+        slope = first if slope is None else slope * first
+        centre = (0.0 if centre is None else centre) - constant / slope
+        return _Standardisation(
+            centre[:, None] if centre.any() else None, slope[:, None] if (slope != 1.0).any() else None
+        )
+
+    def apply(self, points, variables, out):
+        """Write the standardised variables of points (n, dimension) as rows."""
+        out[:] = points[:, variables].T
+        if self.centre is not None:
+            out -= self.centre[variables]
+        if self.slope is not None:
+            out *= self.slope[variables]
+
+
+class _Constants:
+    """Polynomials of one term."""
+
+    def __init__(self, columns):
+        self._columns = columns
+
+    def evaluate(self, points):
+        return np.repeat(self._columns, len(points), axis=1)
+
+
+class _Horner:
+    """Horner's rule, nested over the variables."""
+
+    def __init__(self, basis, columns, standardisation):
+        self._dimension = basis.dimension
+        self._standardisation = standardisation
+        positions = _horner_positions(basis.dimension, basis.degree, basis.norm)
+        converted = columns @ _conversion(basis.indices, _power_coefficients(basis.recurrence))
+        self._schemes = [_horner_scheme(positions, row) for row in converted]
+
+    def evaluate(self, points):
+        return _evaluate_blocks(self._evaluate_block, points, len(self._schemes), 2 * self._dimension)
+
+    def _evaluate_block(self, points, out):
         variables = np.empty((self._dimension, len(points)))
-        self._linear(points, slice(None), variables)
+        self._standardisation.apply(points, slice(None), variables)
         inner = np.empty((self._dimension - 1, len(points)))
         for row, scheme in zip(out, self._schemes, strict=True):
             _horner(scheme, variables, inner, row)
 
-    def _linear(self, points, variables, out):
-        """Standardised variables as rows."""
-        out[:] = points[:, variables].T
-        if self._centre is not None:
-            out -= self._centre[variables]
-        if self._slope is not None:
-            out *= self._slope[variables]
 
-    def _productBlock(self, points, out):
-        half = self._left[0].shape[1]
-        left = self._monomials(points, slice(0, half), *self._left)
-        right = self._monomials(points, slice(half, None), *self._right)
+class _SplitProduct:
+    """Monomials of both halves of the variables, and a matrix product over all pairs of them."""
+
+    def __init__(self, basis, columns, standardisation):
+        self._standardisation = standardisation
+        self._left, self._right, rows, positions, self._groups = _halves(basis.dimension, basis.degree, basis.norm)
+        left, right = self._left[0], self._right[0]
+        tables = np.zeros((len(columns), len(left), len(right)))
+        tables[:, rows, positions] = columns
+        self._half = left.shape[1]
+        powers = _power_coefficients(basis.recurrence)
+        tables = _conversion(left, powers[: self._half]).T @ tables @ _conversion(right, powers[self._half :])
+        self._tables = [
+            [np.ascontiguousarray(t[first:last, :width]) for first, last, width in self._groups] for t in tables
+        ]
+
+    @singleThread()
+    def evaluate(self, points):
+        rows = 2 * len(self._left[0]) + len(self._right[0])
+        return _evaluate_blocks(self._evaluate_block, points, len(self._tables), rows)
+
+    def _evaluate_block(self, points, out):
+        left = self._monomials(points, slice(0, self._half), *self._left)
+        right = self._monomials(points, slice(self._half, None), *self._right)
         inner = np.empty_like(left)
         for row, tables in zip(out, self._tables, strict=True):
             for (first, last, width), table in zip(self._groups, tables, strict=True):
@@ -134,10 +201,19 @@ class PolynomialPrediction:
     def _monomials(self, points, variables, indices, runs):
         values = np.empty((len(indices), len(points)))
         values[0] = 1.0
-        self._linear(points, variables, values[1 : indices.shape[1] + 1])
+        self._standardisation.apply(points, variables, values[1 : indices.shape[1] + 1])
         for first, last, parent, variable in runs:
             np.multiply(values[parent : parent + last - first], values[1 + variable], out=values[first:last])
         return values
+
+
+def _evaluate_blocks(evaluate_block, points, outputs, rows):
+    """Values (outputs, n), by blocks of points for which ``rows`` numbers each stay in the cache."""
+    result = np.empty((outputs, len(points)))
+    size = max(256, BLOCK_NUMBERS // rows)
+    for start in range(0, len(points), size):
+        evaluate_block(points[start : start + size], result[:, start : start + size])
+    return result
 
 
 def _power_coefficients(recurrence):

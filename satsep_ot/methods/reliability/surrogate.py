@@ -16,7 +16,8 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import chi2
 
 from satsep_ot.methods.common.standard_space import StandardSpace
-from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial, number_of_terms
+from satsep_ot.methods.polynomials.basis import PolynomialBasis, number_of_terms
+from satsep_ot.methods.polynomials.fit import fit_polynomial
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
 from satsep_ot.methods.subspaces.variables import activeTransformation

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
+from satsep_ot.methods.polynomials.fit import fit_polynomial
 from satsep_ot.methods.subspaces.estimation import estimate_subspace, stacked_rows
 from satsep_ot.methods.subspaces.variables import surrogate_degree
 

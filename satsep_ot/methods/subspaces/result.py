@@ -12,10 +12,8 @@ from scipy import linalg
 
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
-from satsep_ot.methods.polynomials.regression import (
-    MultivariatePolynomialRegression,
-    MultivariatePolynomialRegressionResult,
-)
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.subspaces.dimension import (
     LARGEST_DIMENSION,
     cross_validated_dimension,
@@ -406,7 +404,7 @@ class ActiveSubspaceResult:
 
         Returns
         -------
-        :class:`~satsep_ot.methods.polynomials.regression.MultivariatePolynomialRegressionResult`
+        :class:`~satsep_ot.methods.polynomials.regression_result.MultivariatePolynomialRegressionResult`
             Of degree 4, or less where there are not two points for each term.
 
         Notes

@@ -10,12 +10,9 @@ from numpy.typing import ArrayLike
 from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
-from satsep_ot.methods.polynomials.basis import PolynomialFit
-from satsep_ot.methods.polynomials.regression import (
-    MultivariatePolynomialRegression,
-    MultivariatePolynomialRegressionResult,
-    shuffled_folds,
-)
+from satsep_ot.methods.polynomials.fit import PolynomialFit, shuffled_folds
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.subspaces.variable_projection import RidgeFit, cross_validate_ridge, fit_ridge
 from satsep_ot.methods.subspaces.variables import (
     activeTransformation,
@@ -299,7 +296,7 @@ class RidgeApproximationResult:
 
     def getRegressionResult(self) -> MultivariatePolynomialRegressionResult:
         """Regression on the active variables,
-        a :class:`~satsep_ot.methods.polynomials.regression.MultivariatePolynomialRegressionResult`.
+        a :class:`~satsep_ot.methods.polynomials.regression_result.MultivariatePolynomialRegressionResult`.
 
         Its intervals and cross-validation take the directions as known: :meth:`getQ2` does not.
         """

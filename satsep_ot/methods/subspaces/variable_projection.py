@@ -8,8 +8,8 @@ import numpy as np
 import openturns as ot
 from scipy import linalg
 
-from satsep_ot.methods.polynomials.basis import PolynomialBasis, PolynomialFit, fit_polynomial
-from satsep_ot.methods.polynomials.regression import shuffled_folds
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
+from satsep_ot.methods.polynomials.fit import PolynomialFit, fit_polynomial, shuffled_folds
 from satsep_ot.methods.subspaces.estimation import orient
 
 # The minimum-norm quadratic of the starting directions costs the cube of the number of points.

@@ -6,7 +6,8 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.standard_space import StandardSpace
-from satsep_ot.methods.polynomials.basis import PolynomialBasis, fit_polynomial
+from satsep_ot.methods.polynomials.basis import PolynomialBasis
+from satsep_ot.methods.polynomials.fit import fit_polynomial
 
 # Ten steps of the colour map viridis, that of OpenTURNS' contours (Smith and van der Walt, 2015).
 COLOURS = (

@@ -39,7 +39,7 @@ from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import trajectory
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
-from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.run_document import spring_names
 
@@ -210,7 +210,7 @@ def draw_sufficient_summary(
         Active variables, r at least 1; the first two are drawn.
     values : array_like, shape (N,)
         True runs.
-    regression : :class:`satsep_ot.methods.polynomials.regression.MultivariatePolynomialRegressionResult`
+    regression : :class:`satsep_ot.methods.polynomials.regression_result.MultivariatePolynomialRegressionResult`
         Of the first output on the r active variables.
     ax : :class:`matplotlib.axes.Axes`, optional
     label, unit : str

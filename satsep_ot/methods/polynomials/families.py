@@ -1,0 +1,137 @@
+"""Orthogonal polynomial families of independent inputs, and the map of the inputs to their variables."""
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+import openturns as ot
+from scipy.special import ndtr
+
+from satsep_ot.methods.polynomials.basis import PolynomialBasis, hermite_recurrence
+from satsep_ot.moved_modules import restoring
+
+# Moments are integrated over the standard normal of the same level up to this many standard deviations, by
+# Gauss-Legendre on intervals: the quantile function may be steep, as between two modes.
+FARTHEST_LEVEL = 9.0
+INTERVALS = 100
+INTERVAL_NODES = 20
+# A polynomial whose mean square is this far from 1 is not normalised under the law.
+MOMENT_TOLERANCE = 1e-2
+
+# The most common bases: they are not changed by anyone, and take longer to set up than a small fit.
+_hermite_basis = functools.lru_cache(maxsize=32)(PolynomialBasis)
+
+
+@dataclasses.dataclass(frozen=True)
+class PolynomialFamilies:
+    """The families, orthonormal under a law with independent marginals, in the variables z = slope (x - centre).
+
+    Attributes
+    ----------
+    law : :py:class:`openturns.Distribution`
+        Of the inputs.
+    members : list of :py:class:`openturns.OrthogonalUniVariatePolynomialFamily`
+        Hermite for a normal marginal, for others what OpenTURNS has or computes.
+    centre, slope : ndarray (d,)
+    """
+
+    law: ot.Distribution
+    members: list
+    centre: np.ndarray
+    slope: np.ndarray
+
+    __setstate__ = restoring(families="members")
+
+    @staticmethod
+    def of(law: ot.Distribution) -> "PolynomialFamilies":
+        """The families of a law.
+
+        Examples
+        --------
+        >>> import openturns as ot
+        >>> from satsep_ot.methods.polynomials.families import PolynomialFamilies
+        >>> PolynomialFamilies.of(ot.Normal([1.0, 2.0], [3.0, 4.0])).standardise([[4.0, 2.0]]).tolist()
+        [[1.0, 0.0]]
+        """
+        law = ot.Distribution(law)
+        centre, slope = np.array(law.getMean()), 1.0 / np.array(law.getStandardDeviation())
+        if _isNormal(law):
+            return PolynomialFamilies(law, [ot.HermiteFactory()] * len(centre), centre, slope)
+        members = []
+        for i in range(len(centre)):
+            marginal = law.getMarginal(i)
+            if _isNormal(marginal):
+                members.append(ot.HermiteFactory())
+                continue
+            member = ot.StandardDistributionPolynomialFactory(marginal)
+            measure = member.getMeasure()
+            # So that mean and standard deviation go to those of the family's own measure.
+            slope[i] *= measure.getStandardDeviation()[0]
+            centre[i] -= measure.getMean()[0] / slope[i]
+            members.append(member)
+        return PolynomialFamilies(law, members, centre, slope)
+
+    def standardise(self, points: np.ndarray) -> np.ndarray:
+        """Variables z (n, d) of inputs (n, d)."""
+        return (np.asarray(points, dtype=float) - self.centre) * self.slope
+
+    def basis(self, degree: int, norm: float) -> PolynomialBasis:
+        """The basis of products of the families' polynomials."""
+        if all(isinstance(member, ot.HermiteFactory) for member in self.members):
+            return _hermite_basis(len(self.members), degree, norm)
+        recurrence = np.array([_recurrence(member, degree) for member in self.members])
+        return PolynomialBasis(len(self.members), degree, norm, recurrence)
+
+    def checkMoments(self, basis: PolynomialBasis) -> None:
+        """Refuse a basis that is not orthonormal under the law, whatever its recurrence says.
+
+        Raises
+        ------
+        ValueError
+            The law has no moments that high, as Student's with few degrees of freedom, or none that can be computed.
+        """
+        for variable, member in enumerate(self.members):
+            degree = int(basis.indices[:, variable].max(initial=0))
+            if isinstance(member, ot.HermiteFactory) or degree == 0:
+                continue
+            marginal = self.law.getMarginal(variable)
+            nodes, weights = _normal_rule()
+            z = (_normal_quantiles(marginal, nodes) - self.centre[variable]) * self.slope[variable]
+            univariate = PolynomialBasis(1, degree, recurrence=basis.recurrence[[variable], :degree])
+            with np.errstate(all="ignore"):
+                square = univariate.evaluate(z[:, None])[degree] ** 2 @ weights
+            if not abs(square - 1.0) < MOMENT_TOLERANCE:
+                raise ValueError(
+                    f"Under the law {marginal} of input {variable} the polynomial of degree {degree} has the mean "
+                    f"square {square:.3g} instead of 1: moments of order {2 * degree} do not exist or cannot be "
+                    "computed. Lower the degree, or take the moments of getSample()."
+                )
+
+
+def _isNormal(distribution):
+    return isinstance(distribution.getImplementation(), ot.Normal)
+
+
+def _recurrence(member, degree):
+    if isinstance(member, ot.HermiteFactory):
+        return hermite_recurrence(degree)
+    return np.array([list(member.getRecurrenceCoefficients(order)) for order in range(degree)]).reshape(degree, 3)
+
+
+@functools.cache
+def _normal_rule():
+    """Increasing nodes and weights (n,) of integrals over the standard normal law."""
+    nodes, weights = np.polynomial.legendre.leggauss(INTERVAL_NODES)
+    half = FARTHEST_LEVEL / INTERVALS
+    middles = half * (2.0 * np.arange(INTERVALS) + 1.0) - FARTHEST_LEVEL
+    nodes = (middles[:, None] + half * nodes).ravel()
+    return nodes, np.tile(half * weights, INTERVALS) * np.exp(-0.5 * nodes**2) / math.sqrt(2.0 * math.pi)
+
+
+def _normal_quantiles(marginal, nodes):
+    """Quantiles (n,) at the levels of a standard normal, each through the smaller tail."""
+    levels = ot.Point(ndtr(-np.abs(nodes)))
+    below = np.count_nonzero(nodes <= 0.0)
+    lower, upper = marginal.computeQuantile(levels[:below]), marginal.computeQuantile(levels[below:], True)
+    return np.concatenate([lower, upper])[:, 0]
