@@ -10,18 +10,13 @@ import time
 from pathlib import Path
 
 import pytest
+from small_cases import SMALL
 
 import satsep_ot
 from satsep_ot import cli
 from satsep_ot.methods.parallel.scheduler import ChunkError
 from satsep_ot.model.case import load_case
 from satsep_ot.model.separation_function import SeparationError
-
-SMALL = (
-    "[platform]\nmass = 10\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
-    "[satellite]\nmass = 1\ninertia = [1, 1, 1]\ncenter_of_mass = [0, 0, 0]\n"
-    "[springs]\ncount = 2\nradius = 100\nstiffness = 100\ndeformation = 20\nstroke = 10\n"
-)
 
 
 def small(tmp_path, extra=""):

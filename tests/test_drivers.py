@@ -7,34 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import openturns as ot
 import pytest
+from small_cases import MASS_AND_RATE, ROLLING, SMALL
 
 from satsep_ot.model.case import load_case, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies import drivers
 
-CASE = """
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, -100, 0]
-[satellite]
-mass = 1
-inertia = [0.01, 0.01, 0.01]
-center_of_mass = [0, 100, 0]
-[springs]
-count = 2
-radius = 100
-stiffness = 100
-deformation = 20
-stroke = 10
-[inputs]
-mass = { quantity = "satellite.mass", sigma = 0.03 }
-rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
-[[requirements]]
-name = "rolling"
-quantity = "spin"
-maximum = 1.0
-[[requirements]]
+CASE = f"""{SMALL}{MASS_AND_RATE}{ROLLING}[[requirements]]
 name = "never"
 quantity = "axial_velocity"
 minimum = -5.0

@@ -12,35 +12,16 @@ import time
 import numpy as np
 import pytest
 from process_tree import descendants, survivors
+from small_cases import BODIES, MASS_AND_RATE, ROLLING
 
 from satsep_ot.studies.study_runs import list_runs, load_runs
 
 pytestmark = pytest.mark.slow
 
-CASE = """
-name = "small"
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, -100, 0]
-[satellite]
-mass = 1
-inertia = [0.01, 0.01, 0.01]
-center_of_mass = [0, 100, 0]
-[springs]
-count = 2
-radius = 100
-stroke = 10
-table = "tables/push.csv"
-[inputs]
-mass = { quantity = "satellite.mass", sigma = 0.03 }
-rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
-cant = { quantity = "springs.cant.each", sigma = 0.02 }
-[[requirements]]
-name = "rolling"
-quantity = "spin"
-maximum = 1.0
-[[requirements]]
+CASE = f"""name = "small"
+{BODIES}table = "tables/push.csv"
+{MASS_AND_RATE}cant = {{ quantity = "springs.cant.each", sigma = 0.02 }}
+{ROLLING}[[requirements]]
 name = "slow"
 quantity = "axial_velocity"
 minimum = 0.245

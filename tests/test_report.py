@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_cases import MASS_AND_RATE, SMALL
 
 from satsep_ot import cli
 from satsep_ot.methods.common.intervals import clopperPearson
@@ -17,26 +18,8 @@ from satsep_ot.studies.separation_study import SeparationStudy
 from satsep_ot.studies.telling.report import COVERAGE, ReportError, _gain, render_report, write_report
 from tests.browser import PROGRAM, Browser
 
-CASE = """
-name = "small <case> & co"
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, -100, 0]
-[satellite]
-mass = 1
-inertia = [0.01, 0.01, 0.01]
-center_of_mass = [0, 100, 0]
-[springs]
-count = 2
-radius = 100
-stiffness = 100
-deformation = 20
-stroke = 10
-[inputs]
-mass = { quantity = "satellite.mass", sigma = 0.03 }
-rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
-cant = { quantity = "springs.cant.each", sigma = 0.02 }
+CASE = f"""name = "small <case> & co"
+{SMALL}{MASS_AND_RATE}cant = {{ quantity = "springs.cant.each", sigma = 0.02 }}
 [[requirements]]
 name = "rolling </script>"
 quantity = "spin"

@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from small_cases import SMALL
 
 from satsep_ot.model.case import CaseError, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -125,23 +126,8 @@ def test_a_study_that_has_not_run_has_results_but_no_report(tmp_path):
     assert not (tmp_path / "results").exists()
 
 
-CONSTANT = """
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, -100, 0]
-[satellite]
-mass = 1
-inertia = [0.01, 0.01, 0.01]
-center_of_mass = [0, 100, 0]
-[springs]
-count = 2
-radius = 100
-stiffness = 100
-deformation = 20
-stroke = 10
-[inputs]
-inertia = { quantity = "satellite.inertia.xx", sigma = 0.001 }
+CONSTANT = f"""{SMALL}[inputs]
+inertia = {{ quantity = "satellite.inertia.xx", sigma = 0.001 }}
 [[requirements]]
 name = "velocity"
 quantity = "axial_velocity"

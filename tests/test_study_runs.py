@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import openturns as ot
 import pytest
+from small_cases import LINEAR, MASS_AND_RATE, ROLLING, SMALL
 
 from satsep_ot.cli import _print_study
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
@@ -17,33 +18,11 @@ from satsep_ot.studies.results_directory import DirectoryError
 from satsep_ot.studies.separation_study import SeparationStudy
 from satsep_ot.studies.study_runs import BLOCK, list_runs, load_runs
 
-CASE = """
-name = "small"
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, -100, 0]
-[satellite]
-mass = 1
-inertia = [0.01, 0.01, 0.01]
-center_of_mass = [0, 100, 0]
-[springs]
-count = 2
-radius = 100
-stiffness = 100
-deformation = 20
-stroke = 10
-[inputs]
-mass = { quantity = "satellite.mass", sigma = 0.03 }
-rate_y = { quantity = "initial.rates.y", sigma = 0.4 }
-[[correlation]]
+CASE = f"""name = "small"
+{SMALL}{MASS_AND_RATE}[[correlation]]
 inputs = ["mass", "rate_y"]
 coefficient = 0.3
-[[requirements]]
-name = "rolling"
-quantity = "spin"
-maximum = 1.0
-"""
+{ROLLING}"""
 SIZE = 2 * BLOCK + 100
 
 
@@ -317,7 +296,7 @@ def test_the_precision_that_is_asked_for_is_reached():
 
 def test_a_table_with_the_name_of_the_case_is_refused(tmp_path):
     (tmp_path / "case.toml").write_text("stroke_mm,force_N\n0,2\n10,1\n", encoding="utf-8")
-    text = CASE.replace("stiffness = 100\ndeformation = 20\n", 'table = "case.toml"\n')
+    text = CASE.replace(LINEAR, 'table = "case.toml"\n')
     study = SeparationStudy(SeparationProblem(parse_case(text, str(tmp_path / "mine.toml"))), ["MonteCarlo"], 3, SIZE)
     with pytest.raises(DirectoryError, match=r"is called case.toml, .* rename it"):
         study.setDirectory(tmp_path / "results")

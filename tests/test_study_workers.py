@@ -5,37 +5,16 @@ import logging
 import time
 
 import pytest
+from small_cases import MASS_AND_RATE, ROLLING, SMALL
 
 from satsep_ot import cli
 
-CASE = """
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, 0, 0]
-[satellite]
-mass = 1
-inertia = [1, 1, 1]
-center_of_mass = [0, 0, 0]
-[springs]
-count = 2
-radius = 100
-stiffness = 100
-deformation = 20
-stroke = 10
-[inputs]
-mass = { quantity = "satellite.mass", sigma = 0.05 }
-rate_y = { quantity = "initial.rates.y", sigma = SIGMA }
-[[requirements]]
-name = "rolling"
-quantity = "spin"
-maximum = 1.0
-"""
+CASE = SMALL + MASS_AND_RATE + ROLLING
 
 
 def study(folder, output, *arguments, sigma=0.4):
     path = folder / "case.toml"
-    path.write_text(CASE.replace("SIGMA", str(sigma)), encoding="utf-8")
+    path.write_text(CASE.replace("0.4", str(sigma)), encoding="utf-8")
     options = ["--runs", "12000", "--methods", "MonteCarlo", "--output", str(folder / output)]
     return cli.main(["study", str(path), *options, *arguments])
 

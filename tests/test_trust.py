@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from small_cases import BODIES, LINEAR
 
 from satsep_ot import cli
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
@@ -18,20 +19,6 @@ from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import build_distribution
 from satsep_ot.studies.telling.report import ReportError, render_report
 
-CASE = """
-[platform]
-mass = 10
-inertia = [1, 1, 1]
-center_of_mass = [0, 0, 0]
-[satellite]
-mass = 1
-inertia = [1, 1, 1]
-center_of_mass = [0, 0, 0]
-[springs]
-count = 2
-radius = 100
-stroke = 10
-"""
 TABLE = "stroke_mm,force_N\n0,2\n10,1\n"
 
 
@@ -59,7 +46,7 @@ def test_only_univariate_distributions_are_found_by_name(name):
 @pytest.mark.parametrize("value", ['"${HOME}"', '"$(touch made)"', '"`touch made`"', "\"__import__('os')\"", '"{0.x}"'])
 def test_texts_stay_texts(value, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    text = f"name = {value}\ndescription = {value}\n{CASE}stiffness = 100\ndeformation = 20\n"
+    text = f"name = {value}\ndescription = {value}\n{BODIES}{LINEAR}"
     case = parse_case(text)
     assert case.name == case.description == value[1:-1]
     Path("mine.toml").write_text(text, encoding="utf-8")
@@ -76,7 +63,7 @@ def test_tables_outside_of_the_folder_of_the_case_are_not_read(name, tmp_path, m
     folder = tmp_path / "case"
     (folder / "tables").mkdir(parents=True)
     path = folder / "mine.toml"
-    path.write_text(f'{CASE}table = "{name}"\n', encoding="utf-8")
+    path.write_text(f'{BODIES}table = "{name}"\n', encoding="utf-8")
     opened = []
     real = io.open
     monkeypatch.setattr(io, "open", lambda file, *rest, **more: opened.append(str(file)) or real(file, *rest, **more))
@@ -89,7 +76,7 @@ def test_a_case_reads_what_it_names_and_keeps_it(tmp_path):
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables" / "push.csv").write_text(TABLE, encoding="utf-8")
     path = tmp_path / "mine.toml"
-    path.write_text(f'{CASE}table = "tables/push.csv"\n', encoding="utf-8")
+    path.write_text(f'{BODIES}table = "tables/push.csv"\n', encoding="utf-8")
     assert load_case(path).files == {"tables/push.csv": TABLE}
     assert load_case("reference").files == {}
 
@@ -101,7 +88,7 @@ def test_loading_and_simulating_a_case_opens_its_files_and_starts_nothing(tmp_pa
         folder.mkdir()
         (folder / "push.csv").write_text(TABLE, encoding="utf-8")
         (folder / "mine.toml").write_text(
-            f'{CASE}table = "push.csv"\n'
+            f'{BODIES}table = "push.csv"\n'
             '[inputs]\nrate_y = { quantity = "initial.rates.y", distribution = "Uniform", a = -1, b = 1 }\n'
             '[[requirements]]\nquantity = "spin"\nmaximum = 0.5\n',
             encoding="utf-8",
