@@ -7,14 +7,14 @@ import re
 import tomllib
 from pathlib import Path
 
-PROJECT = tomllib.loads((Path(__file__).resolve().parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-EXTRAS = ("distributed", "test")
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def lowest_versions():
-    requirements = [*PROJECT["dependencies"], *(one for name in EXTRAS for one in PROJECT["optional-dependencies"][name])]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
     found = {}
-    for requirement in requirements:
+    for requirement in project["dependencies"] + extras["distributed"] + extras["test"]:
         name, bound = re.fullmatch(r"([\w-]+)>=([\d.]+)(?:,<[\d.]+)?", requirement).groups()
         if found.setdefault(name, bound) != bound:
             raise ValueError(f"{name} has two lower bounds in pyproject.toml, {found[name]} and {bound}: give it one")
