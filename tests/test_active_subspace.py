@@ -240,12 +240,12 @@ def test_batched_gradients_are_used_and_counted():
     algorithm.run()
     result = algorithm.getResult()
     assert subspace_distance(np.array(result.getDirections()), np.array([[0.6], [0.8]])) < 1e-12
-    assert (result.getEvaluationCallsNumber(), result.getGradientCallsNumber()) == (60, 60)
-    assert (algorithm.getEvaluationCallsNumber(), algorithm.getGradientCallsNumber()) == (60, 60)
+    assert (result.getEvaluationNumber(), result.getGradientNumber()) == (60, 60)
+    assert (algorithm.getEvaluationNumber(), algorithm.getGradientNumber()) == (60, 60)
     handed = ActiveSubspaceAlgorithm(ot.Function(Model()), LAW)
     handed.setGradientSampleFunction(Model().computeGradientSample)
     handed.run()
-    assert handed.getResult().getGradientCallsNumber() == handed.getSamplingSize()
+    assert handed.getResult().getGradientNumber() == handed.getSamplingSize()
     handed.setGradientSampleFunction(lambda x: x)
     with pytest.raises(ValueError, match="must return an array of shape"):
         handed.run()
@@ -256,11 +256,11 @@ def test_differences_are_scaled_by_each_input(method):
     # OpenTURNS' own step of 1e-5 is as large as the second input's standard deviation.
     result = result_of(ot.Function(Model()), LAW, setGradientMethod=method, setSamplingSize=50)
     assert subspace_distance(np.array(result.getDirections()), np.array([[0.6], [0.8]])) < 1e-6
-    evaluations = result.getEvaluationCallsNumber() - 50
+    evaluations = result.getEvaluationNumber() - 50
     line = evaluations % 50 or 50
     assert line % 9 == 0
     assert (evaluations - line) // 50 in ((2,) if method == "ForwardDifference" else (4,))
-    assert result.getGradientCallsNumber() == 0
+    assert result.getGradientNumber() == 0
 
 
 def test_noise_is_estimated_and_the_step_follows():
@@ -294,7 +294,7 @@ def test_given_gradients_and_weights():
     assert result.getDimension() == 1
     expected = np.array([[1.0], [2.0], [0.0], [0.0]]) / math.sqrt(5.0)
     assert subspace_distance(np.array(result.getDirections()), expected) < 1e-12
-    assert result.getEvaluationCallsNumber() == result.getGradientCallsNumber() == 0
+    assert result.getEvaluationNumber() == result.getGradientNumber() == 0
     gradients[7, 1] = np.nan
     with pytest.raises(ValueError, match="gradients must be finite, but 1 of 80 rows are not, the first is row 7"):
         ActiveSubspaceAlgorithm.FromGradientSample(ot.Normal(4), points, points[:, 0], gradients)
@@ -336,7 +336,7 @@ def test_sequential_use_reaches_the_target_or_says_so():
     algorithm.run()
     result = algorithm.getResult()
     assert result.getSubspaceErrorInterval().getUpperBound()[0] <= 0.1
-    assert result.getGradientCallsNumber() == result.getStandardSample().getSize() > 20
+    assert result.getGradientNumber() == result.getStandardSample().getSize() > 20
     algorithm.setTargetSubspaceError(1e-4, maximumSamplingSize=40)
     algorithm.run()
     assert "above the target" in algorithm.getResult().getRemarks()[-1]
@@ -522,7 +522,7 @@ def test_gradients_are_added_by_halves_up_to_the_largest_number():
     algorithm.run()
     # 60 log 3 = 66 points by default, and ten times as many at most.
     assert sizes == [30, 45, 68, 102, 153, 230, 345, 518, 660]
-    assert algorithm.getEvaluationCallsNumber() == 660
+    assert algorithm.getEvaluationNumber() == 660
     assert "after 660 gradients, above the target 1e-06" in algorithm.getResult().getRemarks()[-1]
 
 

@@ -182,7 +182,7 @@ class TestRidgeApproximation:
         algorithm.run()
         result = algorithm.getResult()
         assert (result.getDimension(), result.getDegree()) == (1, 2)
-        assert result.isConverged()
+        assert result.getConverged()
         assert result.getRemarks() == []
         assert subspace_distance(np.array(result.getDirections()), self.direction) < 1e-7
         assert result.getQ2() == pytest.approx(1.0, abs=1e-9)

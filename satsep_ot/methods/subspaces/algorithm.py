@@ -1,5 +1,6 @@
 """Active subspaces in the standard normal space (Constantine, Active Subspaces, SIAM 2015)."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 
@@ -7,13 +8,13 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
+from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
-from satsep_ot.methods.subspaces.noise import estimate_noise
+from satsep_ot.methods.subspaces.analysis import analyse_gradients
+from satsep_ot.methods.subspaces.gradients import GradientSample, StandardModel
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.openturns_adapter import hasGradient
 
-# Points handed to the model at once when differences are taken.
-DIFFERENCE_BLOCK = 20000
 GRADIENT_METHODS = ("Automatic", "Exact", "CentralDifference", "ForwardDifference")
 
 
@@ -55,28 +56,31 @@ class ActiveSubspaceAlgorithm:
     1 0.6 0.8
     """
 
-    def __init__(self, function: ot.Function, distribution: ot.Distribution) -> None:
-        batched = getattr(function, "computeGradientSample", None)
-        self._function = None if function is None else ot.Function(function)
-        self._space = StandardSpace(distribution if function is None else nameInputs(distribution, self._function))
+    def __init__(self, function: ot.Function | GradientSample, distribution: ot.Distribution) -> None:
+        self._given = function if isinstance(function, GradientSample) else None
+        self._function = None if self._given else ot.Function(function)
+        self._gradientSampleFunction = getattr(function, "computeGradientSample", None)
+        self._space = StandardSpace(nameInputs(distribution, self._function) if self._function else distribution)
         d = self._space.getDimension()
-        if self._function is not None and self._function.getInputDimension() != d:
+        if self._function and self._function.getInputDimension() != d:
             raise ValueError(
                 f"The function has {self._function.getInputDimension()} inputs but the distribution has dimension {d}."
             )
-        self._gradientSampleFunction = batched
+        if self._given and self._given.points.shape[1] != d:
+            raise ValueError(
+                f"The points have {self._given.points.shape[1]} coordinates but the distribution has dimension {d}."
+            )
         self._samplingSize = math.ceil(60.0 * math.log(max(d, 2)))
         self._gradientMethod = "Automatic"
         self._bootstrapSize = 1000
-        self._dimension = None
-        self._weightFunction = None
-        self._targetSubspaceError = None
+        self._dimension: int | None = None
+        self._weightFunction: Callable[[np.ndarray], ArrayLike] | None = None
+        self._targetSubspaceError: float | None = None
         self._maximumSamplingSize = 10 * self._samplingSize
-        self._step = None
-        self._data = None
+        self._step: float | None = None
         self._evaluations = 0
         self._gradients = 0
-        self._result = None
+        self._result: ActiveSubspaceResult | None = None
 
     @classmethod
     def FromGradientSample(
@@ -101,27 +105,7 @@ class ActiveSubspaceAlgorithm:
         weights : array (M,), optional
             Not negative, at least one positive.
         """
-        algorithm = cls(None, distribution)
-        d = algorithm._space.getDimension()
-        points = np.array(standardSample, dtype=float)
-        values = np.array(outputSample, dtype=float)
-        gradients = np.array(gradientSample, dtype=float)
-        values = values.reshape(len(values), -1)
-        if gradients.ndim == 2:
-            gradients = gradients[:, :, None]
-        count = len(points)
-        if count < 1 or points.shape != (count, d) or gradients.shape != (count, d, values.shape[1]):
-            raise ValueError(
-                f"Points {points.shape}, outputs {values.shape} and gradients {gradients.shape} do not match: "
-                f"(M, {d}), (M, p) and (M, {d}, p) with M >= 1 are needed."
-            )
-        if weights is not None:
-            weights = np.array(weights, dtype=float)
-            if weights.shape != (count,) or not (np.isfinite(weights).all() and weights.min() >= 0 < weights.max()):
-                raise ValueError(f"The weights must be {count} finite numbers >= 0, at least one of them positive.")
-        _refuse_not_finite(points, values, gradients)
-        algorithm._data = (points, values, gradients, weights)
-        return algorithm
+        return cls(GradientSample.of(standardSample, outputSample, gradientSample, weights), distribution)
 
     def __repr__(self) -> str:
         return (
@@ -212,78 +196,16 @@ class ActiveSubspaceAlgorithm:
         if maximumSamplingSize is not None:
             self._maximumSamplingSize = _integer("maximum sampling size", maximumSamplingSize, 1)
 
-    def getEvaluationCallsNumber(self) -> int:
+    def getEvaluationNumber(self) -> int:
         """Evaluations of the function so far, those of finite differences and of the noise included."""
         return self._evaluations
 
-    def getGradientCallsNumber(self) -> int:
+    def getGradientNumber(self) -> int:
         """Gradients of the function so far (of all outputs at a point; none when differences are taken)."""
         return self._gradients
 
-    def _evaluate(self, standardPoints):
-        """Outputs (n, p) at standard points, in blocks, counted and checked."""
-        parts = []
-        for start in range(0, len(standardPoints), DIFFERENCE_BLOCK):
-            physical = self._space.toPhysical(standardPoints[start : start + DIFFERENCE_BLOCK])
-            values = np.array(self._function(physical))
-            self._evaluations += len(values)
-            if not np.isfinite(values).all():
-                row = int((~np.isfinite(values).all(axis=1)).argmax())
-                raise ValueError(
-                    f"The function returned {values[row].tolist()} at the physical point {physical[row].tolist()}: "
-                    "an active subspace needs finite outputs."
-                )
-            parts.append(values)
-        return np.concatenate(parts)
-
-    def _usesDifferences(self):
-        if self._gradientMethod == "Automatic":
-            return self._gradientSampleFunction is None and not hasGradient(self._function)
-        return self._gradientMethod != "Exact"
-
-    def _exactGradients(self, points):
-        physical = self._space.toPhysical(points)
-        d, p = physical.shape[1], self._function.getOutputDimension()
-        if self._gradientSampleFunction is not None:
-            gradients = np.asarray(self._gradientSampleFunction(physical), dtype=float)
-            if gradients.shape != (len(physical), d, p):
-                raise ValueError(
-                    f"The gradient sample function must return an array of shape {(len(physical), d, p)}, "
-                    f"got {gradients.shape}."
-                )
-        else:
-            gradients = np.stack([np.array(self._function.gradient(x)) for x in physical])
-        self._gradients += len(physical)
-        return self._space.chainGradient(points, gradients)
-
-    def _differenceStep(self, points, values, central):
-        """Step that balances noise and truncation for a function of unit spread: (3 eta)^(1/3) or 1.68 eta^(1/2)."""
-        if self._step is not None:
-            return self._step, None
-        direction = self._space.generateSample(1)[0]
-        direction /= np.linalg.norm(direction)
-        noise, _ = estimate_noise(self._evaluate, points[0], direction)
-        spread = values.std(axis=0)
-        # An output that does not vary would make any noise infinite beside its spread.
-        relative = float(np.max(np.where(spread > noise, noise / np.where(spread > 0.0, spread, 1.0), 0.0)))
-        relative = max(relative, np.finfo(float).eps)
-        step = (3.0 * relative) ** (1.0 / 3.0) if central else 1.68 * math.sqrt(relative)
-        return min(step, 0.5), noise
-
-    def _differences(self, points, values, step, central):
-        count, d = points.shape
-        gradients = np.empty((count, d, values.shape[1]))
-        block = max(1, DIFFERENCE_BLOCK // (2 * d))
-        shifts = step * np.eye(d)
-        for start in range(0, count, block):
-            some = points[start : start + block]
-            ahead = self._evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -1)
-            if central:
-                behind = self._evaluate((some[:, None, :] - shifts).reshape(-1, d)).reshape(len(some), d, -1)
-                gradients[start : start + block] = (ahead - behind) / (2.0 * step)
-            else:
-                gradients[start : start + block] = (ahead - values[start : start + block, None, :]) / step
-        return gradients
+    getEvaluationCallsNumber = DeprecatedAlias("getEvaluationNumber")
+    getGradientCallsNumber = DeprecatedAlias("getGradientNumber")
 
     def run(self) -> None:
         """Take the gradients and estimate the subspace.
@@ -293,60 +215,66 @@ class ActiveSubspaceAlgorithm:
         ValueError
             An output or a gradient that is not finite; a dimension asked of a constant function.
         """
-        noise = step = None
-        if self._data is not None:
-            self._result = ActiveSubspaceResult(self._space, *self._data, self._bootstrapSize, self._dimension)
-            self._result._setCost(0, 0, None, None)
-            return
-        differences = self._usesDifferences()
-        central = self._gradientMethod != "ForwardDifference"
-        d = self._space.getDimension()
-        points = np.empty((0, d))
-        values = np.empty((0, self._function.getOutputDimension()))
-        gradients = np.empty((0, d, values.shape[1]))
+        if self._function is None:
+            analysis = analyse_gradients(self._given, self._bootstrapSize, self._dimension)
+        else:
+            model = StandardModel(self._function, self._space, self._gradientSampleFunction)
+            try:
+                analysis = self._analyse(model)
+            finally:
+                self._evaluations += model.evaluations
+                self._gradients += model.gradients
+        self._result = ActiveSubspaceResult(self._space, analysis)
+
+    def _usesDifferences(self):
+        if self._gradientMethod == "Automatic":
+            return self._gradientSampleFunction is None and not hasGradient(self._function)
+        return self._gradientMethod != "Exact"
+
+    def _analyse(self, model):
+        """Analysis of as many gradients of a model as the settings ask for."""
+        differences, central = self._usesDifferences(), self._gradientMethod != "ForwardDifference"
+        step = noise = None
+        gradientNoise = 0.0
+        sample = None
         wanted = self._samplingSize
         while True:
-            fresh = self._space.generateSample(wanted - len(points))
-            freshValues = self._evaluate(fresh)
-            if differences:
-                if step is None:
-                    step, noise = self._differenceStep(fresh, freshValues, central)
-                freshGradients = self._differences(fresh, freshValues, step, central)
+            points = self._space.generateSample(wanted if sample is None else wanted - len(sample))
+            values = model.evaluate(points)
+            if not differences:
+                gradients = model.exactGradients(points)
             else:
-                freshGradients = self._exactGradients(fresh)
-            _refuse_not_finite(fresh, freshValues, freshGradients)
-            points = np.concatenate([points, fresh])
-            values = np.concatenate([values, freshValues])
-            gradients = np.concatenate([gradients, freshGradients])
-            weights = None
+                if step is None and self._step is None:
+                    step, noise = model.differenceStep(points[0], values, central)
+                    # Differences turn noise of the values into noise of each component of the gradient.
+                    gradientNoise = noise / step * (math.sqrt(0.5) if central else math.sqrt(2.0))
+                elif step is None:
+                    step = self._step
+                gradients = model.differences(points, values, step, central)
+            fresh = GradientSample.of(points, values, gradients)
+            sample = fresh if sample is None else sample.joined(fresh)
             if self._weightFunction is not None:
-                weights = np.asarray(self._weightFunction(values), dtype=float).reshape(-1)
-                if weights.shape != (len(values),) or not (weights.min() >= 0.0 and 0.0 < weights.max() < math.inf):
-                    raise ValueError(
-                        "The weight function must return one finite number >= 0 for each point, not all 0."
-                    )
-            gradientNoise = 0.0
-            if noise is not None:
-                # Differences turn noise of the values into noise of each component of the gradient.
-                gradientNoise = noise / step * (math.sqrt(0.5) if central else math.sqrt(2.0))
-            result = ActiveSubspaceResult(
-                self._space, points, values, gradients, weights, self._bootstrapSize, self._dimension, gradientNoise
-            )
+                sample = dataclasses.replace(sample, weights=self._weights(sample.values))
+            analysis = analyse_gradients(sample, self._bootstrapSize, self._dimension, gradientNoise)
             target = self._targetSubspaceError
-            if target is None:
+            if target is None or analysis.upper_distance <= target:
                 break
-            reached = result._subspaceErrorUpper()
-            if reached <= target:
-                break
-            if len(points) >= self._maximumSamplingSize:
-                result._remarks.append(
-                    f"The subspace error's upper band is {reached:.3g} after {len(points)} gradients, above the target "
-                    f"{target:.3g}: the maximum sampling size was reached."
+            if len(sample) >= self._maximumSamplingSize:
+                analysis.remarks.append(
+                    f"The subspace error's upper band is {analysis.upper_distance:.3g} after {len(sample)} gradients, "
+                    f"above the target {target:.3g}: the maximum sampling size was reached."
                 )
                 break
-            wanted = min(math.ceil(1.5 * len(points)), self._maximumSamplingSize)
-        result._setCost(self._evaluations, self._gradients, step, noise)
-        self._result = result
+            wanted = min(math.ceil(1.5 * len(sample)), self._maximumSamplingSize)
+        return dataclasses.replace(
+            analysis, evaluations=model.evaluations, gradientCalls=model.gradients, step=step, noise=noise
+        )
+
+    def _weights(self, values):
+        weights = np.asarray(self._weightFunction(values), dtype=float).reshape(-1)
+        if weights.shape != (len(values),) or not (weights.min() >= 0.0 and 0.0 < weights.max() < math.inf):
+            raise ValueError("The weight function must return one finite number >= 0 for each point, not all 0.")
+        return weights
 
     def getResult(self) -> ActiveSubspaceResult:
         """The :class:`ActiveSubspaceResult` of the last run."""
@@ -359,13 +287,3 @@ def _integer(name, value, least):
     if int(value) != value or value < least:
         raise ValueError(f"The {name} must be an integer of at least {least}, got {value}.")
     return int(value)
-
-
-def _refuse_not_finite(points, values, gradients):
-    for name, array in (("points", points), ("outputs", values), ("gradients", gradients)):
-        finite = np.isfinite(array.reshape(len(array), -1)).all(axis=1)
-        if not finite.all():
-            raise ValueError(
-                f"The {name} must be finite, but {int((~finite).sum())} of {len(array)} rows are not, the first is row "
-                f"{int((~finite).argmax())} at the standard point {points[int((~finite).argmax())].tolist()}."
-            )

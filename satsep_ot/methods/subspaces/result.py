@@ -1,6 +1,6 @@
 """What an active subspace tells: spectrum, directions, maps, scores, graphs."""
 
-import math
+import dataclasses
 import os
 from collections.abc import Sequence
 from typing import Any
@@ -10,31 +10,15 @@ import openturns as ot
 from numpy.typing import ArrayLike
 from scipy import linalg
 
+from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
-from satsep_ot.methods.subspaces.dimension import (
-    LARGEST_DIMENSION,
-    cross_validated_dimension,
-    energy_dimension,
-    gap_dimension,
-    ladle_dimension,
-)
-from satsep_ot.methods.subspaces.estimation import (
-    bootstrap_distances,
-    bootstrap_subspace,
-    estimate_subspace,
-    quantile_bands,
-    reflected_bands,
-    subspace_distance,
-)
-from satsep_ot.methods.subspaces.variables import (
-    activeTransformation,
-    drawSufficientSummary,
-    inverseActiveTransformation,
-    surrogate_degree,
-)
+from satsep_ot.methods.subspaces.analysis import SubspaceAnalysis
+from satsep_ot.methods.subspaces.estimation import quantile_bands, reflected_bands, subspace_distance
+from satsep_ot.methods.subspaces.graphs import addBand, drawScores, drawSufficientSummary
+from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation, surrogate_degree
 
 _FORMAT = "ActiveSubspaceResult 1"
 
@@ -75,103 +59,28 @@ class ActiveSubspaceResult:
     True
     """
 
-    def __init__(
-        self,
-        space: StandardSpace,
-        points: np.ndarray,
-        values: np.ndarray,
-        gradients: np.ndarray,
-        weights: np.ndarray | None,
-        bootstrapSize: int,
-        dimension: int | None,
-        gradientNoise: float = 0.0,
-    ) -> None:
+    def __init__(self, space: StandardSpace, analysis: SubspaceAnalysis) -> None:
         self._space = space
-        self._points = points
-        self._values = values
-        # In the order in which a file keeps them, so that sums over them are the same to the last bit.
-        self._gradients = np.ascontiguousarray(gradients)
-        self._weights = weights
-        self._remarks = []
-        self._regression = None
-        count, d, p = gradients.shape
-        self._variances = np.cov(values.T, ddof=1).reshape(p, -1).diagonal() if count > 1 else np.zeros(p)
-        self._scales = np.ones(p)
-        if p > 1:
-            # An output that does not vary has no gradient either: any scale leaves it out.
-            self._scales = np.where(self._variances > 0.0, self._variances, 1.0)
-        self._eigenvalues, self._vectors = estimate_subspace(gradients, self._scales, weights)
-        self._resolved = min(count * p, d)
-        # A dimension above half of the points is never determined by them.
-        self._largest = max(1, min(d, LARGEST_DIMENSION, count // 2))
-        self._counts, self._eigenvalueReplicates, self._vectorReplicates = bootstrap_subspace(
-            gradients, bootstrapSize, max(self._largest, dimension or 0), self._scales, weights
-        )
-        self._distances = bootstrap_distances(self._vectors, self._vectorReplicates)
-        if self._resolved < d:
-            self._remarks.append(
-                f"{count} gradients of {p} output(s) resolve {self._resolved} of {d} eigenvalues: the others are "
-                "reported as 0 and the error bound does not see them."
-            )
-        flat = (gradients == 0.0).all(axis=(0, 1)) & (np.ptp(values, axis=0) > 1e-9 * np.abs(values).max(axis=0))
-        if flat.any():
-            # OpenTURNS drops constants of about 1e-11 from the derivatives of a formula, for one.
-            self._remarks.append(
-                f"all gradients of output(s) {', '.join(map(str, np.flatnonzero(flat)))} are 0, though the values "
-                "vary: they are wrong; take differences (setGradientMethod) or another unit."
-            )
-        # What rounding of the outputs, and the largest eigenvalue of pure noise in the gradients, can look like.
-        rounding = 1e-14 * np.abs(values).max(axis=0) / np.sqrt(self._scales)
-        edge = 2.0 * (1.0 + math.sqrt(d / count)) * gradientNoise / np.sqrt(self._scales)
-        self._constant = not self._eigenvalues[0] > max((rounding**2).max(), (edge**2).sum())
-        self._choices = self._chooseDimension()
-        if dimension is not None and self._constant:
-            raise ValueError(f"Dimension {dimension} was asked for, but the function is constant: all gradients are 0.")
-        self._dimension = self._choices["chosen"] if dimension is None else dimension
-        self._setCost(0, 0, None, None)
+        self._analysis = analysis
+        self._regression: MultivariatePolynomialRegressionResult | None = None
+
+    def __setstate__(self, state):
+        if "_analysis" not in state:
+            # A pickle of version 0.1.0 has the fields of the analysis beside the space.
+            names = [field.name for field in dataclasses.fields(SubspaceAnalysis)]
+            analysis = SubspaceAnalysis(**{name: state[f"_{name}"] for name in names})
+            state = {"_space": state["_space"], "_analysis": analysis, "_regression": None}
+        vars(self).update(state)
 
     def __repr__(self) -> str:
         return (
-            f"ActiveSubspaceResult(inputs={len(self._eigenvalues)}, outputs={self._values.shape[1]}, "
-            f"gradients={len(self._points)}, dimension={self._dimension})"
+            f"ActiveSubspaceResult(inputs={len(self._analysis.eigenvalues)}, outputs={self._analysis.values.shape[1]}, "
+            f"gradients={len(self._analysis.points)}, dimension={self._analysis.dimension})"
         )
-
-    def _setCost(self, evaluations, gradients, step, noise):
-        self._evaluations = evaluations
-        self._gradientCalls = gradients
-        self._step = step
-        self._noise = noise
-
-    def _chooseDimension(self):
-        names = ("gap", "ladle", "energy")
-        if self._constant:
-            return dict.fromkeys((*names, "chosen"), 0) | {"agree": True}
-        gap = gap_dimension(self._gradients, self._scales, self._weights, self._largest)
-        ladle = ladle_dimension(self._eigenvalues, self._vectors, self._vectorReplicates[:, :, : self._largest])
-        choices = dict(zip(names, (gap, ladle, energy_dimension(self._eigenvalues)), strict=True))
-        choices["chosen"] = gap
-        choices["agree"] = len({gap, ladle, choices["energy"]}) == 1
-        if choices["agree"]:
-            return choices
-        # A surrogate needs points: three for each coefficient of its linear part.
-        candidates = [r for r in {gap, ladle, choices["energy"]} if r <= self._largest]
-        candidates = [r for r in candidates if len(self._points) >= 3 * (r + 2)]
-        if len(candidates) > 1:
-            scales = np.where(self._variances > 0.0, self._variances, 1.0)
-            choices["crossValidation"] = cross_validated_dimension(
-                self._points, self._values, self._gradients, candidates, scales, self._weights
-            )
-        self._remarks.append(
-            f"The criteria for the dimension disagree: separated log-gap {gap}, ladle {ladle}, "
-            f"99 % of the energy {choices['energy']}"
-            + (f", cross-validation {choices['crossValidation']}" if "crossValidation" in choices else "")
-            + f"; the log-gap's {gap} is taken."
-        )
-        return choices
 
     def getEigenvalues(self) -> ot.Point:
         """All d eigenvalues, decreasing (in units of the output squared; without unit for several outputs)."""
-        return ot.Point(self._eigenvalues)
+        return ot.Point(self._analysis.eigenvalues)
 
     def getEigenvaluesInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval of each eigenvalue, an :py:class:`openturns.Interval`."""
@@ -179,48 +88,43 @@ class ActiveSubspaceResult:
         return ot.Interval(*self._eigenvalueBands(level))
 
     def _eigenvalueBands(self, level):
-        return reflected_bands(self._eigenvalues, self._eigenvalueReplicates, level)
+        return reflected_bands(self._analysis.eigenvalues, self._analysis.eigenvalueReplicates, level)
 
     def getResolvedEigenvaluesNumber(self) -> int:
         """How many eigenvalues the gradients can resolve; the others are reported as 0."""
-        return self._resolved
+        return self._analysis.resolved
 
     def getEigenvectors(self) -> ot.Matrix:
         """All eigenvectors as the columns of a (d, d) :py:class:`openturns.Matrix`, largest component positive."""
-        return ot.Matrix(self._vectors)
+        return ot.Matrix(self._analysis.vectors)
 
     def getSubspaceError(self) -> ot.Point:
         """Bootstrap mean of the distance ||W W^T - V V^T||_2 for the dimensions 1, 2, ..."""
-        return ot.Point(self._distances.mean(axis=0))
+        return ot.Point(self._analysis.distances.mean(axis=0))
 
     def getSubspaceErrorInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap quantile interval of the subspace distance for the dimensions 1, 2, ..."""
         _checkLevel(level)
-        return ot.Interval(*quantile_bands(self._distances, level))
-
-    def _subspaceErrorUpper(self):
-        if self._dimension == 0:
-            return 1.0
-        return float(quantile_bands(self._distances, 0.95)[1][self._dimension - 1])
+        return ot.Interval(*quantile_bands(self._analysis.distances, level))
 
     def getDimension(self) -> int:
         """Active dimension; 0 for a constant function and where no gap separates any direction."""
-        return self._dimension
+        return self._analysis.dimension
 
     def getDimensionChoices(self) -> dict[str, Any]:
         """What each criterion says: a dict with "gap", "ladle", "energy", "chosen" and "agree".
 
         Where they disagree and the points suffice, "crossValidation" tells which of them predicts best.
         """
-        return dict(self._choices)
+        return dict(self._analysis.choices)
 
     def getRemarks(self) -> list[str]:
         """Sentences on what a reader should know: unresolved eigenvalues, criteria that disagree, a target missed."""
-        return list(self._remarks)
+        return list(self._analysis.remarks)
 
     def isConstant(self) -> bool:
         """Whether the gradients are 0 up to rounding and up to the noise of the differences."""
-        return self._constant
+        return self._analysis.constant
 
     def getRepeatedGroups(self, level: float = 0.95) -> list[list[int]]:
         """Runs of eigenvalues whose bands overlap: within a run the single vectors mean nothing, their span does.
@@ -233,9 +137,9 @@ class ActiveSubspaceResult:
         _checkLevel(level)
         lower, upper = self._eigenvalueBands(level)
         groups, group = [], []
-        floor = (len(lower) * np.finfo(float).eps) ** 2 * self._eigenvalues[0]
-        for i in range(self._resolved):
-            if not self._eigenvalues[i] > floor:
+        floor = (len(lower) * np.finfo(float).eps) ** 2 * self._analysis.eigenvalues[0]
+        for i in range(self._analysis.resolved):
+            if not self._analysis.eigenvalues[i] > floor:
                 break
             if group and upper[i] < lower[i - 1]:
                 groups.append(group)
@@ -249,11 +153,11 @@ class ActiveSubspaceResult:
         return ot.Matrix(self._active())
 
     def _active(self):
-        return self._vectors[:, : self._dimension]
+        return self._analysis.vectors[:, : self._analysis.dimension]
 
     def _needDirections(self):
-        if self._dimension == 0:
-            reason = "the function is constant" if self._constant else "no gap separates any direction"
+        if self._analysis.dimension == 0:
+            reason = "the function is constant" if self._analysis.constant else "no gap separates any direction"
             raise ValueError(f"There is no active variable: {reason}; setDimension() of the algorithm forces one.")
 
     def getTransformation(self) -> ot.Function:
@@ -272,27 +176,27 @@ class ActiveSubspaceResult:
 
     def getStandardSample(self) -> ot.Sample:
         """Points in the standard space, :py:class:`openturns.Sample` (M, d)."""
-        return ot.Sample(self._points)
+        return ot.Sample(self._analysis.points)
 
     def getOutputSample(self) -> ot.Sample:
         """Outputs at the points, :py:class:`openturns.Sample` (M, p)."""
-        return ot.Sample(self._values)
+        return ot.Sample(self._analysis.values)
 
     def getGradientSample(self) -> np.ndarray:
         """Gradients in the standard space, ndarray (M, d, p)."""
-        return self._gradients.copy()
+        return self._analysis.gradients.copy()
 
     def getWeights(self) -> ot.Point:
         """Weights of the points, which sum to 1."""
-        if self._weights is None:
-            return ot.Point(len(self._points), 1.0 / len(self._points))
-        return ot.Point(self._weights / self._weights.sum())
+        if self._analysis.weights is None:
+            return ot.Point(len(self._analysis.points), 1.0 / len(self._analysis.points))
+        return ot.Point(self._analysis.weights / self._analysis.weights.sum())
 
     def getAverageGradient(self) -> ot.Point:
         """Unit vector along the mean gradient (one output): exact for a ridge that rises everywhere."""
-        if self._gradients.shape[2] != 1:
-            raise ValueError(f"The average gradient needs one output, there are {self._gradients.shape[2]}.")
-        mean = np.array(self.getWeights()) @ self._gradients[:, :, 0]
+        if self._analysis.gradients.shape[2] != 1:
+            raise ValueError(f"The average gradient needs one output, there are {self._analysis.gradients.shape[2]}.")
+        mean = np.array(self.getWeights()) @ self._analysis.gradients[:, :, 0]
         length = np.linalg.norm(mean)
         if not length > 0.0:
             raise ValueError("The mean gradient is 0: it has no direction.")
@@ -318,27 +222,29 @@ class ActiveSubspaceResult:
         They belong to the standard variables. For dependent inputs the i-th standard variable is the i-th input
         given those before it (Rosenblatt), so the scores depend on the order of the inputs.
         """
-        n = self._scoreDimension(dimension, len(self._eigenvalues))
-        return ot.Point((self._vectors[:, :n] ** 2) @ self._eigenvalues[:n])
+        n = self._scoreDimension(dimension, len(self._analysis.eigenvalues))
+        return ot.Point((self._analysis.vectors[:, :n] ** 2) @ self._analysis.eigenvalues[:n])
 
     def getActivityScoresInterval(self, level: float = 0.95, dimension: int | None = None) -> ot.Interval:
         """Bootstrap interval of the activity scores."""
         _checkLevel(level)
-        if dimension == len(self._eigenvalues):
+        if dimension == len(self._analysis.eigenvalues):
             return self.getDerivativeBasedIndicesInterval(level)
-        n = self._scoreDimension(dimension, self._vectorReplicates.shape[2])
-        replicates = np.einsum("bij,bj->bi", self._vectorReplicates[:, :, :n] ** 2, self._eigenvalueReplicates[:, :n])
+        n = self._scoreDimension(dimension, self._analysis.vectorReplicates.shape[2])
+        replicates = np.einsum(
+            "bij,bj->bi", self._analysis.vectorReplicates[:, :, :n] ** 2, self._analysis.eigenvalueReplicates[:, :n]
+        )
         return ot.Interval(*reflected_bands(np.array(self.getActivityScores(n)), replicates, level))
 
     def _scoreDimension(self, dimension, largest):
         if dimension is None:
-            return self._dimension
+            return self._analysis.dimension
         if not 0 <= dimension <= largest:
             raise ValueError(f"Activity scores exist here for dimensions 0 to {largest}, got {dimension}.")
         return dimension
 
     def _squares(self):
-        return ((self._gradients**2) / self._scales).sum(axis=2)
+        return ((self._analysis.gradients**2) / self._analysis.scales).sum(axis=2)
 
     def getDerivativeBasedIndices(self) -> ot.Point:
         """Derivative-based sensitivity nu_i = E[(dg/du_i)^2], summed over outputs in units of their scale."""
@@ -347,7 +253,7 @@ class ActiveSubspaceResult:
     def getDerivativeBasedIndicesInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval of the derivative-based sensitivity."""
         _checkLevel(level)
-        weights = self._counts * np.array(self.getWeights())
+        weights = self._analysis.counts * np.array(self.getWeights())
         total = weights.sum(axis=1, keepdims=True)
         replicates = (weights / np.where(total > 0.0, total, 1.0)) @ self._squares()
         return ot.Interval(*reflected_bands(np.array(self.getDerivativeBasedIndices()), replicates, level))
@@ -357,11 +263,13 @@ class ActiveSubspaceResult:
 
         Reference: Sobol and Kucherenko, Math. Comput. Simul. 79 (2009).
         """
-        if self._values.shape[1] != 1:
-            raise ValueError(f"The bound on total Sobol indices needs one output, there are {self._values.shape[1]}.")
-        if self._constant or not self._variances[0] > 0.0:
+        if self._analysis.values.shape[1] != 1:
+            raise ValueError(
+                f"The bound on total Sobol indices needs one output, there are {self._analysis.values.shape[1]}."
+            )
+        if self._analysis.constant or not self._analysis.variances[0] > 0.0:
             raise ValueError("The function is constant over the sample: it has no Sobol indices.")
-        return ot.Point(np.array(self.getDerivativeBasedIndices()) / self._variances[0])
+        return ot.Point(np.array(self.getDerivativeBasedIndices()) / self._analysis.variances[0])
 
     def getErrorBound(self) -> float:
         """Bound on the root mean square error of E[g | y]: square root of the trailing sum of eigenvalues.
@@ -369,35 +277,38 @@ class ActiveSubspaceResult:
         It follows from the Poincare inequality of the standard normal law, whose constant is 1
         (Constantine, Dow and Wang, SIAM J. Sci. Comput. 36, 2014).
         """
-        return float(np.sqrt(self._eigenvalues[self._dimension :].sum()))
+        return float(np.sqrt(self._analysis.eigenvalues[self._analysis.dimension :].sum()))
 
     def getErrorBoundInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval (1-dimensional) of the error bound."""
         _checkLevel(level)
-        replicates = np.sqrt(self._eigenvalueReplicates[:, self._dimension :].sum(axis=1))
+        replicates = np.sqrt(self._analysis.eigenvalueReplicates[:, self._analysis.dimension :].sum(axis=1))
         lower, upper = reflected_bands(np.array([self.getErrorBound()]), replicates[:, None], level)
         return ot.Interval(lower, upper)
 
-    def getEvaluationCallsNumber(self) -> int:
+    def getEvaluationNumber(self) -> int:
         """Evaluations of the function, those of finite differences and of the noise included."""
-        return self._evaluations
+        return self._analysis.evaluations
 
-    def getGradientCallsNumber(self) -> int:
+    def getGradientNumber(self) -> int:
         """Gradients of the function (of all outputs at a point); 0 when differences were taken."""
-        return self._gradientCalls
+        return self._analysis.gradientCalls
+
+    getEvaluationCallsNumber = DeprecatedAlias("getEvaluationNumber")
+    getGradientCallsNumber = DeprecatedAlias("getGradientNumber")
 
     def getFiniteDifferenceStep(self) -> float | None:
         """Step of the differences in the standard space, None when there were none."""
-        return self._step
+        return self._analysis.step
 
     def getNoise(self) -> ot.Point | None:
         """Estimated noise of each output (standard deviation), None when it was not needed."""
-        return None if self._noise is None else ot.Point(self._noise)
+        return None if self._analysis.noise is None else ot.Point(self._analysis.noise)
 
     def getActiveSample(self) -> ot.Sample:
         """Active variables at the points, :py:class:`openturns.Sample` (M, r)."""
         self._needDirections()
-        return ot.Sample(self._points @ self._active())
+        return ot.Sample(self._analysis.points @ self._active())
 
     def getRegressionResult(self) -> MultivariatePolynomialRegressionResult:
         """Regression of the outputs on the active variables: E[g | y] and, by its ``computeSpread``, the spread.
@@ -413,11 +324,12 @@ class ActiveSubspaceResult:
         """
         self._needDirections()
         if self._regression is None:
+            dimension = self._analysis.dimension
             regression = MultivariatePolynomialRegression(
-                self.getActiveSample(), self._values, ot.Normal(self._dimension)
+                self.getActiveSample(), self._analysis.values, ot.Normal(dimension)
             )
-            regression.setDegree(surrogate_degree(len(self._points), self._dimension))
-            regression.setWeights(self._weights)
+            regression.setDegree(surrogate_degree(len(self._analysis.points), dimension))
+            regression.setWeights(self._analysis.weights)
             regression.run()
             self._regression = regression.getResult()
         return self._regression
@@ -426,60 +338,32 @@ class ActiveSubspaceResult:
         """Eigenvalues on a logarithmic scale with their bootstrap band, :py:class:`openturns.Graph`."""
         _checkLevel(level)
         # Below there is rounding only, which has no place on a logarithmic scale.
-        floor = (len(self._eigenvalues) * np.finfo(float).eps) ** 2 * self._eigenvalues[0]
-        number = max(1, int((self._eigenvalues[: self._resolved] > floor).sum()))
-        left = len(self._eigenvalues) - number
+        floor = (len(self._analysis.eigenvalues) * np.finfo(float).eps) ** 2 * self._analysis.eigenvalues[0]
+        number = max(1, int((self._analysis.eigenvalues[: self._analysis.resolved] > floor).sum()))
+        left = len(self._analysis.eigenvalues) - number
         title = "Eigenvalues with bootstrap band" + (f", {left} of {number + left} are 0" if left else "")
         graph = ot.Graph(title, "number", "eigenvalue", True, "upper right")
-        if self._eigenvalues[0] > 0.0:
+        if self._analysis.eigenvalues[0] > 0.0:
             graph.setLogScale(ot.GraphImplementation.LOGY)
         lower, upper = (np.maximum(band[:number], floor) for band in self._eigenvalueBands(level))
-        _add_band(graph, self._eigenvalues[:number], lower, upper, level)
+        addBand(graph, self._analysis.eigenvalues[:number], lower, upper, level)
         return graph
 
     def drawSubspaceError(self, level: float = 0.95) -> ot.Graph:
         """Bootstrap mean and band of the subspace distance by dimension, :py:class:`openturns.Graph`."""
         _checkLevel(level)
         graph = ot.Graph("Subspace distance with bootstrap band", "dimension", "distance", True, "upper right")
-        number = min(self._distances.shape[1], max(1, len(self._eigenvalues) - 1))
-        lower, upper = quantile_bands(self._distances[:, :number], level)
-        _add_band(graph, self._distances[:, :number].mean(axis=0), lower, upper, level)
+        number = min(self._analysis.distances.shape[1], max(1, len(self._analysis.eigenvalues) - 1))
+        lower, upper = quantile_bands(self._analysis.distances[:, :number], level)
+        addBand(graph, self._analysis.distances[:, :number].mean(axis=0), lower, upper, level)
         return graph
 
     def drawActivityScores(self, level: float = 0.95, names: Sequence[str] | None = None) -> ot.Graph:
         """Activity scores with bootstrap intervals, largest first, :py:class:`openturns.Graph`."""
-        scores = np.array(self.getActivityScores())
         interval = self.getActivityScoresInterval(level)
         lower, upper = np.array(interval.getLowerBound()), np.array(interval.getUpperBound())
-        order = np.argsort(-scores, kind="stable")
         names = list(names or self._space.getDistribution().getDescription())
-        ranked = ", ".join(names[i] for i in order[:5])
-        graph = ot.Graph(f"Activity scores, largest: {ranked}", "input", "score", True, "")
-        for position, i in enumerate(order):
-            # Polygons rather than a BarPlot, whose bars cannot be told apart by input.
-            graph.add(
-                ot.Polygon(
-                    [
-                        [position + 0.6, 0.0],
-                        [position + 1.4, 0.0],
-                        [position + 1.4, scores[i]],
-                        [position + 0.6, scores[i]],
-                    ],
-                    "steelblue",
-                    "steelblue",
-                )
-            )
-            whisker = ot.Curve([position + 1.0] * 2, [lower[i], upper[i]])
-            whisker.setColor("black")
-            graph.add(whisker)
-        # Above the whiskers, where nothing is in the way; the axis itself carries numbers only.
-        gap = 0.02 * max(upper.max(), scores.max())
-        tops = [[k + 1.0, max(upper[i], scores[i]) + gap] for k, i in enumerate(order)]
-        labels = ot.Text(tops, [names[i] for i in order], "top")
-        labels.setColor("black")
-        labels.setRotation(90)
-        graph.add(labels)
-        return graph
+        return drawScores(np.array(self.getActivityScores()), lower, upper, names)
 
     def drawSufficientSummary(self, output: int = 0, level: float = 0.95) -> ot.Graph:
         """Output against the first active variables with the regression on them.
@@ -499,10 +383,12 @@ class ActiveSubspaceResult:
         """
         self._needDirections()
         _checkLevel(level)
-        if not 0 <= output < self._values.shape[1]:
-            raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
-        active = self._points @ self._active()
-        return drawSufficientSummary(active, self._values[:, output], self._weights, f"output {output}", level)
+        if not 0 <= output < self._analysis.values.shape[1]:
+            raise ValueError(f"The output must be 0 to {self._analysis.values.shape[1] - 1}, got {output}.")
+        active = self._analysis.points @ self._active()
+        return drawSufficientSummary(
+            active, self._analysis.values[:, output], self._analysis.weights, f"output {output}", level
+        )
 
     def compareDirections(self, directions: ArrayLike) -> float:
         """Distance ||W W^T - V V^T||_2 of the active subspace to another one given by (d, r) columns."""
@@ -520,13 +406,11 @@ class ActiveSubspaceResult:
         path : str or path
             Ends on ``.npz``.
         """
-        fields = {name.removeprefix("_"): value for name, value in vars(self).items()}
-        # The space is made of the distribution, the regression of the samples.
-        del fields["space"], fields["regression"]
+        fields = {field.name: getattr(self._analysis, field.name) for field in dataclasses.fields(SubspaceAnalysis)}
         writeResult(path, _FORMAT, fields | {"distribution": self._space.getDistribution()})
 
-    @classmethod
-    def load(cls, path: str | os.PathLike) -> "ActiveSubspaceResult":
+    @staticmethod
+    def load(path: str | os.PathLike) -> "ActiveSubspaceResult":
         """The result that `save` has written.
 
         Parameters
@@ -539,28 +423,6 @@ class ActiveSubspaceResult:
             The file is not such a result.
         """
         fields = readResult(path, _FORMAT, objects={"distribution": ot.Distribution()})
-        # Not through the constructor, which would draw the bootstrap anew.
-        result = cls.__new__(cls)
-        result._space = StandardSpace(fields.pop("distribution"))
-        result._regression = None
-        for name, value in fields.items():
-            setattr(result, f"_{name}", value)
-        return result
-
-
-def _add_band(graph, middle, lower, upper, level):
-    """Points joined by a line, and the dashed edges of a band, over 1, 2, ..."""
-    number = np.arange(1.0, len(middle) + 1.0)
-    curve = ot.Curve(number, middle)
-    curve.setColor("steelblue")
-    graph.add(curve)
-    points = ot.Cloud(number, middle)
-    points.setColor("steelblue")
-    points.setPointStyle("fcircle")
-    graph.add(points)
-    for place, bound in enumerate((lower, upper)):
-        edge = ot.Curve(number, bound)
-        edge.setLineStyle("dashed")
-        edge.setColor("black")
-        edge.setLegend("" if place else f"{100 * level:g} % band")
-        graph.add(edge)
+        space = StandardSpace(fields["distribution"])
+        names = [field.name for field in dataclasses.fields(SubspaceAnalysis)]
+        return ActiveSubspaceResult(space, SubspaceAnalysis(**{name: fields[name] for name in names}))

@@ -7,18 +7,16 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
+from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.polynomials.fit import PolynomialFit, shuffled_folds
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.subspaces.graphs import drawSufficientSummary
 from satsep_ot.methods.subspaces.variable_projection import RidgeFit, cross_validate_ridge, fit_ridge
-from satsep_ot.methods.subspaces.variables import (
-    activeTransformation,
-    drawSufficientSummary,
-    inverseActiveTransformation,
-)
+from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation
 
 _FORMAT = "RidgeApproximationResult 1"
 
@@ -141,7 +139,21 @@ class RidgeApproximation:
     @singleThread()
     def run(self) -> None:
         """Choose dimension and degree by cross-validation where they are open, and fit."""
+        scores = self._crossValidate()
+        best = min(scores, key=lambda pair: scores[pair].mean())
+        allowed = scores[best].mean() + scores[best].std(ddof=1) / math.sqrt(len(scores[best]))
+        # Errors at rounding level are equal.
+        good = [pair for pair in scores if scores[pair].mean() <= max(allowed, 1e-16)]
         d = self._points.shape[1]
+        r, k = min(good, key=lambda pair: d * pair[0] + math.comb(pair[0] + pair[1], pair[1]))
+        fit = fit_ridge(self._points, self._values, r, k, self._weights, self._starts)
+        q2 = {pair: 1.0 - float(score.mean()) for pair, score in scores.items()}
+        self._result = RidgeApproximationResult(
+            self._space, self._physical, self._points, self._values, self._weights, fit, k, q2
+        )
+
+    def _crossValidate(self):
+        """Mean squared errors of each block, in units of the variances, by (dimension, degree)."""
         weight = np.ones(len(self._points)) if self._weights is None else self._weights
         used = weight > 0.0
         points, values, weight = self._points[used], self._values[used], weight[used]
@@ -160,16 +172,7 @@ class RidgeApproximation:
             errors = cross_validate_ridge(points, values, r, k, weight, blocks, self._starts)
             squared = (errors**2 / scale).mean(axis=1)
             scores[r, k] = np.array([np.average(squared[block], weights=weight[block]) for block in blocks])
-        best = min(scores, key=lambda pair: scores[pair].mean())
-        allowed = scores[best].mean() + scores[best].std(ddof=1) / math.sqrt(len(blocks))
-        # Errors at rounding level are equal.
-        good = [pair for pair in scores if scores[pair].mean() <= max(allowed, 1e-16)]
-        r, k = min(good, key=lambda pair: d * pair[0] + math.comb(pair[0] + pair[1], pair[1]))
-        fit = fit_ridge(self._points, self._values, r, k, self._weights, self._starts)
-        q2 = {pair: 1.0 - float(score.mean()) for pair, score in scores.items()}
-        self._result = RidgeApproximationResult(
-            self._space, self._physical, self._points, self._values, self._weights, fit, k, q2
-        )
+        return scores
 
     def getResult(self) -> "RidgeApproximationResult":
         """The :class:`RidgeApproximationResult` of the last run."""
@@ -216,7 +219,7 @@ class RidgeApproximationResult:
         self._fit = fit
         self._degree = degree
         self._q2 = q2
-        self._regression = None
+        self._regression: MultivariatePolynomialRegressionResult | None = None
 
     def __repr__(self) -> str:
         return (
@@ -240,9 +243,11 @@ class RidgeApproximationResult:
         """The :class:`~satsep_ot.methods.common.standard_space.StandardSpace` that was used."""
         return self._space
 
-    def isConverged(self) -> bool:
+    def getConverged(self) -> bool:
         """Whether the Gauss-Newton iteration converged."""
         return self._fit.converged
+
+    isConverged = DeprecatedAlias("getConverged")
 
     def getIterationNumber(self) -> int:
         """Gauss-Newton steps of the best start."""

@@ -1,0 +1,217 @@
+"""All numbers of an active subspace, from gradients: spectrum, bootstrap, dimension, and what a reader should know."""
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from satsep_ot.methods.subspaces.dimension import (
+    LARGEST_DIMENSION,
+    cross_validated_dimension,
+    energy_dimension,
+    gap_dimension,
+    ladle_dimension,
+)
+from satsep_ot.methods.subspaces.estimation import (
+    bootstrap_distances,
+    bootstrap_subspace,
+    estimate_subspace,
+    quantile_bands,
+)
+from satsep_ot.methods.subspaces.gradients import GradientSample
+
+
+@dataclasses.dataclass(eq=False)
+class SubspaceAnalysis:
+    """What gradients say of a subspace; made by :func:`analyse_gradients`.
+
+    Attributes
+    ----------
+    points : ndarray (M, d)
+        In the standard space.
+    values : ndarray (M, p)
+    gradients : ndarray (M, d, p)
+    weights : ndarray (M,) or None
+    variances, scales : ndarray (p,)
+        Variance of each output, and what its part of the matrix is divided by.
+    eigenvalues : ndarray (d,)
+    vectors : ndarray (d, d)
+    resolved : int
+        How many eigenvalues the gradients can resolve.
+    counts : ndarray (size, M)
+        How often each point was drawn in each bootstrap replicate.
+    eigenvalueReplicates : ndarray (size, d)
+    vectorReplicates : ndarray (size, d, k)
+    distances : ndarray (size, k)
+        Of the subspaces of dimension 1 to k from those of the replicates.
+    constant : bool
+        Whether the gradients are 0 up to rounding and noise.
+    choices : dict
+        Dimension by each criterion, the one "chosen", and whether they "agree".
+    dimension : int
+    remarks : list of str
+    evaluations, gradientCalls : int
+        What the gradients have cost.
+    step : float or None
+        Of the differences, where there were any.
+    noise : ndarray (p,) or None
+        Of the outputs, where it was estimated.
+    """
+
+    points: np.ndarray
+    values: np.ndarray
+    gradients: np.ndarray
+    weights: np.ndarray | None
+    variances: np.ndarray
+    scales: np.ndarray
+    eigenvalues: np.ndarray
+    vectors: np.ndarray
+    resolved: int
+    counts: np.ndarray
+    eigenvalueReplicates: np.ndarray
+    vectorReplicates: np.ndarray
+    distances: np.ndarray
+    constant: bool
+    choices: dict[str, Any]
+    dimension: int
+    remarks: list[str]
+    evaluations: int = 0
+    gradientCalls: int = 0
+    step: float | None = None
+    noise: np.ndarray | None = None
+
+    @property
+    def upper_distance(self) -> float:
+        """Upper 95 % band of the distance of the active subspace from that of the replicates."""
+        if self.dimension == 0:
+            return 1.0
+        return float(quantile_bands(self.distances, 0.95)[1][self.dimension - 1])
+
+
+def analyse_gradients(
+    sample: GradientSample,
+    bootstrap_size: int,
+    dimension: int | None = None,
+    gradient_noise: float | np.ndarray = 0.0,
+) -> SubspaceAnalysis:
+    """Estimate the subspace, its errors and its dimension.
+
+    Parameters
+    ----------
+    sample : GradientSample
+    bootstrap_size : int
+    dimension : int, optional
+        The one to take; by default it is chosen.
+    gradient_noise : float or ndarray (p,)
+        Standard deviation of the noise in each component of a gradient.
+
+    Raises
+    ------
+    ValueError
+        A dimension is asked of a constant function.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.subspaces.analysis import analyse_gradients
+    >>> from satsep_ot.methods.subspaces.gradients import GradientSample
+    >>> points = np.random.default_rng(0).standard_normal((50, 2))
+    >>> sample = GradientSample.of(points, points[:, 0] ** 2, 2.0 * points * [1.0, 0.0])
+    >>> analysis = analyse_gradients(sample, bootstrap_size=100)
+    >>> analysis.dimension, analysis.vectors[:, 0].tolist()
+    (1, [1.0, 0.0])
+    """
+    points, values, weights = sample.points, sample.values, sample.weights
+    # In the order in which a file keeps them, so that sums over them are the same to the last bit.
+    gradients = np.ascontiguousarray(sample.gradients)
+    count, d, p = gradients.shape
+    variances = np.cov(values.T, ddof=1).reshape(p, -1).diagonal() if count > 1 else np.zeros(p)
+    # An output that does not vary has no gradient either: any scale leaves it out.
+    scales = np.where(variances > 0.0, variances, 1.0) if p > 1 else np.ones(p)
+    eigenvalues, vectors = estimate_subspace(gradients, scales, weights)
+    # A dimension above half of the points is never determined by them.
+    largest = max(1, min(d, LARGEST_DIMENSION, count // 2))
+    counts, eigenvalueReplicates, vectorReplicates = bootstrap_subspace(
+        gradients, bootstrap_size, max(largest, dimension or 0), scales, weights
+    )
+    # What rounding of the outputs, and the largest eigenvalue of pure noise in the gradients, can look like.
+    rounding = 1e-14 * np.abs(values).max(axis=0) / np.sqrt(scales)
+    edge = 2.0 * (1.0 + math.sqrt(d / count)) * gradient_noise / np.sqrt(scales)
+    analysis = SubspaceAnalysis(
+        points=points,
+        values=values,
+        gradients=gradients,
+        weights=weights,
+        variances=variances,
+        scales=scales,
+        eigenvalues=eigenvalues,
+        vectors=vectors,
+        resolved=min(count * p, d),
+        counts=counts,
+        eigenvalueReplicates=eigenvalueReplicates,
+        vectorReplicates=vectorReplicates,
+        distances=bootstrap_distances(vectors, vectorReplicates),
+        constant=not eigenvalues[0] > max((rounding**2).max(), (edge**2).sum()),
+        choices={},
+        dimension=0,
+        remarks=_remarks(values, gradients),
+    )
+    analysis.choices = _choices(analysis, largest)
+    if not analysis.choices["agree"]:
+        analysis.remarks.append(_disagreement(analysis.choices))
+    if dimension is not None and analysis.constant:
+        raise ValueError(f"Dimension {dimension} was asked for, but the function is constant: all gradients are 0.")
+    analysis.dimension = analysis.choices["chosen"] if dimension is None else dimension
+    return analysis
+
+
+def _remarks(values, gradients):
+    """What a reader should know of the gradients."""
+    count, d, p = gradients.shape
+    remarks = []
+    if count * p < d:
+        remarks.append(
+            f"{count} gradients of {p} output(s) resolve {count * p} of {d} eigenvalues: the others are "
+            "reported as 0 and the error bound does not see them."
+        )
+    flat = (gradients == 0.0).all(axis=(0, 1)) & (np.ptp(values, axis=0) > 1e-9 * np.abs(values).max(axis=0))
+    if flat.any():
+        # OpenTURNS drops constants of about 1e-11 from the derivatives of a formula, for one.
+        remarks.append(
+            f"all gradients of output(s) {', '.join(map(str, np.flatnonzero(flat)))} are 0, though the values "
+            "vary: they are wrong; take differences (setGradientMethod) or another unit."
+        )
+    return remarks
+
+
+def _choices(analysis, largest):
+    """Dimension by each criterion; where they disagree and the points suffice, by cross-validation too."""
+    names = ("gap", "ladle", "energy")
+    if analysis.constant:
+        return dict.fromkeys((*names, "chosen"), 0) | {"agree": True}
+    gap = gap_dimension(analysis.gradients, analysis.scales, analysis.weights, largest)
+    ladle = ladle_dimension(analysis.eigenvalues, analysis.vectors, analysis.vectorReplicates[:, :, :largest])
+    choices: dict[str, Any] = dict(zip(names, (gap, ladle, energy_dimension(analysis.eigenvalues)), strict=True))
+    choices["chosen"] = gap
+    choices["agree"] = len({gap, ladle, choices["energy"]}) == 1
+    if choices["agree"]:
+        return choices
+    # A surrogate needs points: three for each coefficient of its linear part.
+    candidates = [r for r in {gap, ladle, choices["energy"]} if r <= largest]
+    candidates = [r for r in candidates if len(analysis.points) >= 3 * (r + 2)]
+    if len(candidates) > 1:
+        scales = np.where(analysis.variances > 0.0, analysis.variances, 1.0)
+        choices["crossValidation"] = cross_validated_dimension(
+            analysis.points, analysis.values, analysis.gradients, candidates, scales, analysis.weights
+        )
+    return choices
+
+
+def _disagreement(choices):
+    return (
+        f"The criteria for the dimension disagree: separated log-gap {choices['gap']}, ladle {choices['ladle']}, "
+        f"99 % of the energy {choices['energy']}"
+        + (f", cross-validation {choices['crossValidation']}" if "crossValidation" in choices else "")
+        + f"; the log-gap's {choices['gap']} is taken."
+    )
