@@ -7,7 +7,11 @@ number of inputs, with another number of them: see `getBenchmarkProblem`.
 
 RP problems: A. Rozsas and A. Slobbe, Repository and Black-box Reliability Challenge 2019 (the RPRepo), as in
 otbenchmark. FourBranch: P.-H. Waarts, Structural reliability using finite element methods, TU Delft (2000). P2:
-I. Papaioannou et al., Probabilistic Engineering Mechanics 41 (2015).
+I. Papaioannou et al., Probabilistic Engineering Mechanics 41 (2015). UndampedOscillator, Rastrigin, FourBranch6:
+B. Echard, N. Gayton and M. Lemaire, Structural Safety 33 (2011); with GaytonHat: B. Echard et al., Reliability
+Engineering and System Safety 111 (2013). DampedOscillator: A. Der Kiureghian and M. de Stefano, Journal of Engineering
+Mechanics 117 (1991); J.-M. Bourinet, F. Deheeger and M. Lemaire, Structural Safety 33 (2011). LogNormalSum:
+R. Rackwitz, Structural Safety 23 (2001). FourBranch100, Duffing: J. Demange-Chryst et al. (2023).
 """
 
 import math
@@ -18,6 +22,7 @@ import openturns as ot
 from scipy.fft import irfft, rfft
 from scipy.integrate import quad
 from scipy.special import erf, ndtr
+from scipy.stats import ncx2
 
 from satsep_ot.methods.common.standard_space import StandardSpace
 
@@ -458,24 +463,237 @@ def _rp107(dimension: int = 10) -> BenchmarkProblem:
     )
 
 
-def _fourBranch() -> BenchmarkProblem:
+def _fourBranch(name: str = "FourBranch", width: float = 7.0) -> BenchmarkProblem:
+    limit = width / math.sqrt(2.0)
+
     def components(x):
         total, difference = (x[:, 0] + x[:, 1]) / math.sqrt(2.0), x[:, 0] - x[:, 1]
         curved = 3.0 + 0.1 * difference**2
-        linear = 7.0 / math.sqrt(2.0)
-        return np.column_stack([curved - total, curved + total, linear + difference, linear - difference])
+        return np.column_stack([curved - total, curved + total, limit + difference, limit - difference])
 
-    # In the rotated axes a = total, b = difference / sqrt(2): safe when |a| < 3 + 0.2 b^2 and |b| < 3.5.
-    curvedFailure, _ = quad(lambda b: 2.0 * ndtr(-(3.0 + 0.2 * b**2)) * ot.DistFunc.dNormal(b), -3.5, 3.5)
-    probability = float(curvedFailure + 2.0 * ndtr(-3.5))
+    # In the rotated axes a = total, b = difference / sqrt(2): safe when |a| < 3 + 0.2 b^2 and |b| < width / 2.
+    edge = 0.5 * width
+    curvedFailure, _ = quad(lambda b: 2.0 * ndtr(-(3.0 + 0.2 * b**2)) * ot.DistFunc.dNormal(b), -edge, edge)
+    probability = float(curvedFailure + 2.0 * ndtr(-edge))
     return BenchmarkProblem(
-        "FourBranch",
+        name,
         ot.Normal(2),
         components,
         probability,
-        "quadrature; otbenchmark gives 2.222795e-3",
+        "quadrature" + ("; otbenchmark gives 2.222795e-3" if width == 7.0 else "; definition: Echard et al. (2011)"),
         outputDimension=4,
         composition=lambda y: y.min(axis=1),
+    )
+
+
+def _lognormal(mean: float, deviation: float) -> ot.Distribution:
+    """Log-normal law of a mean and a deviation."""
+    return ot.LogNormalMuSigma(mean, deviation).getDistribution()
+
+
+def _undampedOscillator(force: float, forceDeviation: float) -> BenchmarkProblem:
+    """Displacement of a spring-supported mass under a rectangular pulse; inputs m, c1, c2, r, t, F."""
+
+    def amplitude(m, stiffness, t):
+        return 2.0 / stiffness * np.sin(0.5 * np.sqrt(stiffness / m) * t)
+
+    def components(x):
+        m, c1, c2, r, t, f = x.T
+        displacement = f * amplitude(m, c1 + c2, t)
+        return np.column_stack([3.0 * r - displacement, 3.0 * r + displacement])
+
+    # 3 r -+ F K is normal where m, c1 + c2 and t are given; both limits at once need r below -10 deviations.
+    z = np.linspace(-8.0, 8.0, 65)
+    density = np.exp(-0.5 * z**2) * (z[1] - z[0]) / math.sqrt(2.0 * math.pi)
+    k = amplitude((1.0 + 0.05 * z)[:, None, None], (1.1 + math.hypot(0.1, 0.01) * z)[:, None], 1.0 + 0.2 * z)
+    deviation = np.hypot(0.15, k * forceDeviation)
+    conditional = ndtr((k * force - 1.5) / deviation) + ndtr((-k * force - 1.5) / deviation)
+    return BenchmarkProblem(
+        f"UndampedOscillator{force:g}",
+        ot.Normal(
+            [1.0, 1.0, 0.1, 0.5, 1.0, force], [0.05, 0.1, 0.01, 0.05, 0.2, forceDeviation], ot.CorrelationMatrix(6)
+        ),
+        components,
+        float(np.einsum("ijk,i,j,k", conditional, density, density, density)),
+        "quadrature over m, c1 + c2 and t, closed form in r and F; definition: Echard et al. (2011, 2013)",
+        outputDimension=2,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+def _dampedOscillator(force: float) -> BenchmarkProblem:
+    """Force in the spring of a secondary oscillator on a primary one under white noise (Der Kiureghian and de Stefano,
+    1991); inputs mp, ms, kp, ks, zp, zs, S, Fs."""
+
+    def evaluate(x):
+        mp, ms, kp, ks, zp, zs, s, fs = x.T
+        wp, ws = np.sqrt(kp / mp), np.sqrt(ks / ms)
+        wa, za, ga = 0.5 * (wp + ws), 0.5 * (zp + zs), ms / mp
+        th = (wp - ws) / wa
+        square = math.pi * s / (4.0 * zs * ws**3) * za * zs / (zp * zs * (4.0 * za**2 + th**2) + ga * za**2)
+        return fs - 3.0 * ks * np.sqrt(square * (zp * wp**3 + zs * ws**3) * wp / (4.0 * za * wa**4))
+
+    moments = (1.5, 0.15), (0.01, 0.001), (1.0, 0.2), (0.01, 0.002), (0.05, 0.02), (0.02, 0.01), (100.0, 10.0)
+    probability, error = DAMPED_OSCILLATOR_PROBABILITIES[force]
+    return BenchmarkProblem(
+        f"DampedOscillator{force:g}",
+        ot.JointDistribution([_lognormal(*pair) for pair in (*moments, (force, 0.1 * force))]),
+        evaluate,
+        probability,
+        "importance sampling, closed form in Fs and S, 8e6 points; definition: Bourinet et al. (2011)",
+        probabilityError=error,
+    )
+
+
+def _gaytonHat() -> BenchmarkProblem:
+    # Failure where x2 >= 5 + ((x1 - 2)^2 / 2 - 3) / 1.5 to the power 1/3, which is vertical at two x1.
+    def integrand(x):
+        return ndtr(-5.0 - np.cbrt((0.5 * (x - 2.0) ** 2 - 3.0) / 1.5)) * ot.DistFunc.dNormal(x)
+
+    kinks = [2.0 - math.sqrt(6.0), 2.0 + math.sqrt(6.0)]
+    probability = quad(integrand, -10.0, 10.0, points=kinks, limit=500, epsabs=0.0, epsrel=1e-9)[0]
+    return BenchmarkProblem(
+        "GaytonHat",
+        ot.Normal(2),
+        lambda x: 0.5 * (x[:, 0] - 2.0) ** 2 - 1.5 * (x[:, 1] - 5.0) ** 3 - 3.0,
+        float(probability),
+        "quadrature; definition: Echard et al. (2013)",
+    )
+
+
+def _rastrigin() -> BenchmarkProblem:
+    def wave(x):
+        return x**2 - 5.0 * np.cos(2.0 * math.pi * x)
+
+    # P(wave(X2) >= 10 - wave(x1)) from the crossings of wave with a level, found by linear interpolation.
+    x = np.linspace(-8.0, 8.0, 6401)
+    heights, density = wave(x), np.exp(-0.5 * x**2) * (x[1] - x[0]) / math.sqrt(2.0 * math.pi)
+    probability = 0.0
+    for level, weight in zip(10.0 - heights, density, strict=True):
+        above = heights >= level
+        (cells,) = np.nonzero(above[1:] != above[:-1])
+        crossings = x[cells] + (level - heights[cells]) / (heights[cells + 1] - heights[cells]) * (x[1] - x[0])
+        rises = np.where(above[cells], -1.0, 1.0)
+        probability += weight * ((1.0 if above[-1] else 0.0) - (rises * ndtr(crossings)).sum())
+    return BenchmarkProblem(
+        "Rastrigin",
+        ot.Normal(2),
+        lambda x: 10.0 - wave(x).sum(axis=1),
+        float(probability),
+        "quadrature over x1, crossings in x2; definition: Echard et al. (2011)",
+    )
+
+
+def _rp38() -> BenchmarkProblem:
+    means = np.array([350.0, 50.8, 3.81, 173.0, 9.38, 33.1, 0.036])
+
+    def evaluate(x):
+        a, b, c, d, e, f, h = x.T
+        ratio = (d**2 - 4.0 * e * f * h**2 + d * (f + 4.0 * e + 2.0 * f * h)) / (d * e * (d + f + 2.0 * f * h))
+        return 15.59e4 - a * b**3 / (2.0 * c**3) * ratio
+
+    probability, error = RP38_PROBABILITY
+    return BenchmarkProblem(
+        "RP38",
+        ot.Normal(means.tolist(), (0.1 * means).tolist(), ot.CorrelationMatrix(7)),
+        evaluate,
+        probability,
+        "importance sampling, closed form in the first input, 8e6 points; definition: the RPRepo",
+        probabilityError=error,
+    )
+
+
+def _rp53() -> BenchmarkProblem:
+    def evaluate(x):
+        return np.sin(2.5 * x[:, 0]) + 2.0 - (x[:, 0] ** 2 + 4.0) * (x[:, 1] - 1.0) / 20.0
+
+    def conditional(z):
+        x1 = 1.5 + z
+        return ndtr(1.5 - 20.0 * (np.sin(2.5 * x1) + 2.0) / (x1**2 + 4.0))
+
+    return BenchmarkProblem(
+        "RP53",
+        ot.Normal([1.5, 2.5], [1.0, 1.0], ot.CorrelationMatrix(2)),
+        evaluate,
+        _gaussianExpectation(conditional),
+        "quadrature over x1, closed form in x2; definition: the RPRepo",
+    )
+
+
+def _leaf() -> BenchmarkProblem:
+    def components(x):
+        return np.column_stack([((x - centre) ** 2).sum(axis=1) - 1.0 for centre in (3.8, -3.8)])
+
+    return BenchmarkProblem(
+        "Leaf",
+        ot.Normal(2),
+        components,
+        float(2.0 * ncx2.cdf(1.0, 2, 2.0 * 3.8**2)),
+        "closed form: two discs of radius 1, non-central chi-square distribution",
+        outputDimension=2,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+def _lognormalSum(dimension: int) -> BenchmarkProblem:
+    limit = dimension + 0.6 * math.sqrt(dimension)
+    law = _lognormal(1.0, 0.2)
+    # Each input rounded to a grid, and all of them added by Fourier convolution; the limit lies between two nodes.
+    step, size = limit / 120_000.5, 2**18
+    edges = (np.arange(size) + 0.5) * step
+    cells = np.diff(ndtr((np.log(edges) - law.getParameter()[0]) / law.getParameter()[1]), prepend=0.0)
+    total = irfft(rfft(cells) ** dimension, size)
+    return BenchmarkProblem(
+        f"LogNormalSum{dimension}",
+        ot.JointDistribution([law] * dimension),
+        lambda x: limit - x.sum(axis=1),
+        float(total[120_001:].sum()),
+        f"convolution of {dimension} log-normal densities; definition: Rackwitz (2001)",
+    )
+
+
+def _fourBranchOfSums() -> BenchmarkProblem:
+    def components(x):
+        a, b = x[:, :50].sum(axis=1) / 10.0, x[:, 50:].sum(axis=1) / 10.0
+        return np.column_stack([3.5 + sign * (a + other * b) for sign in (1.0, -1.0) for other in (1.0, -1.0)])
+
+    # (a + b) / 10 and (a - b) / 10 are independent standard normal.
+    return BenchmarkProblem(
+        "FourBranch100",
+        ot.Normal(100),
+        components,
+        1.0 - (1.0 - 2.0 * ot.DistFunc.pNormal(-3.5)) ** 2,
+        "closed form 1 - (1 - 2 Phi(-3.5))^2; definition: Demange-Chryst et al. (2023)",
+        outputDimension=4,
+        composition=lambda y: y.min(axis=1),
+    )
+
+
+def _duffing() -> BenchmarkProblem:
+    """Displacement at the end of a Duffing oscillator under white noise of 200 normal amplitudes, by explicit Euler on
+    the 500 times 0, 0.004, ..., 1.996 s. The published probability, 4.256e-4, belongs to these 499 steps; 500 steps
+    would give 6.2e-4."""
+    timeStep, steps = 0.004, 499
+    spacing = 30.0 * math.pi / 200.0
+    phase = np.outer(spacing * np.arange(100), timeStep * np.arange(steps))
+    noise = -math.sqrt(0.01 * spacing) * np.vstack([np.cos(phase), np.sin(phase)])
+
+    def displacement(u):
+        z, v = np.zeros(len(u)), np.full(len(u), 1.5)
+        for force in (u @ noise).T:
+            acceleration = -0.2 * math.pi * v - (2.0 * math.pi) ** 2 * (z + z**3) + force
+            z, v = z + timeStep * v, v + timeStep * acceleration
+        return z
+
+    probability, error = DUFFING_PROBABILITY
+    return BenchmarkProblem(
+        "Duffing",
+        ot.Normal(200),
+        displacement,
+        probability,
+        "importance sampling around the two most likely failures, 4e5 points; definition: Demange-Chryst et al. (2023)",
+        composition=lambda y: np.minimum(0.1 - y.reshape(-1), y.reshape(-1) + 0.06),
+        probabilityError=error,
     )
 
 
@@ -522,6 +740,10 @@ def _ridgeFactory(name: str) -> Callable[[], BenchmarkProblem]:
 
 
 NOISY_RIDGE_PROBABILITY = 1.9643e-3
+# Probabilities and relative standard errors of tests/benchmarks/reference_probabilities.py --sample.
+DAMPED_OSCILLATOR_PROBABILITIES = {15.0: (4.7732e-3, 3e-4), 21.5: (4.4141e-5, 3e-4), 27.5: (3.7843e-7, 3e-4)}
+RP38_PROBABILITY = 8.0508e-3, 3e-4
+DUFFING_PROBABILITY = 4.255e-4, 4e-3
 RIDGE_PROBABILITIES = {
     "Speed35": 1.27951e-3,
     "Norm35": 2.4002e-4,
@@ -546,6 +768,22 @@ _FACTORIES: dict[str, Callable[..., BenchmarkProblem]] = {
     "RP91": _rp91,
     "RP107": _rp107,
     "FourBranch": _fourBranch,
+    "FourBranch6": lambda: _fourBranch("FourBranch6", 6.0),
+    "FourBranch100": _fourBranchOfSums,
+    "UndampedOscillator1": lambda: _undampedOscillator(1.0, 0.2),
+    "UndampedOscillator0.6": lambda: _undampedOscillator(0.6, 0.1),
+    "UndampedOscillator0.45": lambda: _undampedOscillator(0.45, 0.075),
+    "DampedOscillator15": lambda: _dampedOscillator(15.0),
+    "DampedOscillator21.5": lambda: _dampedOscillator(21.5),
+    "DampedOscillator27.5": lambda: _dampedOscillator(27.5),
+    "GaytonHat": _gaytonHat,
+    "Rastrigin": _rastrigin,
+    "RP38": _rp38,
+    "RP53": _rp53,
+    "Leaf": _leaf,
+    "LogNormalSum40": lambda: _lognormalSum(40),
+    "LogNormalSum100": lambda: _lognormalSum(100),
+    "Duffing": _duffing,
     **{name: _ridgeFactory(name) for name in _RIDGE_LIMITS},
 }
 
