@@ -126,14 +126,21 @@ def test_later_chunks_that_were_finished_are_kept(tmp_path):
 
 
 def test_a_thread_that_hangs_is_left_and_its_chunk_tried_beside_it(tmp_path):
+    begun, tried_again = threading.Event(), threading.Event()
+
+    def double(X):
+        if X[0, 0] == 6.0 and begun.is_set():
+            tried_again.set()
+        elif X[0, 0] == 6.0:
+            begun.set()
+            tried_again.wait()
+        return 2.0 * X
+
     with ThreadPoolExecutor(2) as pool:
         scheduler = ChunkScheduler(pool)
         scheduler.setTimeout(0.1)
-        begin = time.monotonic()
-        assert np.array_equal(run(scheduler, Twice(stop_short, 6.0, 1, tmp_path)), EXPECTED)
-        assert time.monotonic() - begin < 10.0
+        assert np.array_equal(run(scheduler, double), EXPECTED)
         scheduler.setMaximumAttempts(1)
-        (tmp_path / "deed-0").unlink()
         with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 1 attempt.* it gave no answer within 0\.1 s"):
             run(scheduler, Twice(stop_short, 6.0, 1, tmp_path))
 
@@ -377,10 +384,9 @@ def test_a_process_that_is_stopped_is_replaced(tmp_path, monkeypatch):
 def test_a_process_that_hangs_is_ended(tmp_path):
     scheduler = ChunkScheduler(processes(2))
     scheduler.setTimeout(0.5)
-    begin = time.monotonic()
     assert np.array_equal(run(scheduler, Twice(hang, 6.0, 1, tmp_path)), EXPECTED)
-    assert time.monotonic() - begin < 60.0
     scheduler.close()
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.slow

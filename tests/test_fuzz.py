@@ -8,7 +8,6 @@ import faulthandler
 import os
 import random
 import re
-import time
 import tomllib
 from collections import Counter
 
@@ -104,7 +103,7 @@ minimum = 10.0
 """
 TEXTS = {name: load_case(name).text for name in shipped_cases()} | {"every table": EVERY_TABLE}
 MUTATIONS = 2000  # of each
-LONGEST = 5.0  # s for one of them, on a busy machine
+PATIENCE = 100.0  # s after which a trial hangs
 
 
 @pytest.fixture(scope="module")
@@ -119,7 +118,7 @@ def guard(compiled, capfd):
     """Call it before each trial: a trial that hangs, in compiled code even, ends the tests with a traceback."""
     with capfd.disabled():
         stream = os.fdopen(os.dup(2), "w")
-    yield lambda: faulthandler.dump_traceback_later(20.0 * LONGEST, exit=True, file=stream)
+    yield lambda: faulthandler.dump_traceback_later(PATIENCE, exit=True, file=stream)
     faulthandler.cancel_dump_traceback_later()
     stream.close()
 
@@ -190,18 +189,15 @@ def test_cases_are_read_back_as_they_are_written(name):
 @pytest.mark.parametrize("name", TEXTS)
 def test_damaged_case_files(name, guard, capfd):
     generator = random.Random(f"damage to {name}")
-    seen, slowest = Counter(), 0.0
+    seen = Counter()
     for trial in range(MUTATIONS):
         guard()
         text = damaged(name, generator)
-        start = time.perf_counter()
         try:
             seen[outcome_of(text, thoroughly=trial % 10 == 0)] += 1
         except Exception as error:
             error.add_note(f"trial {trial} of {name}:\n{text}")
             raise
-        slowest = max(slowest, time.perf_counter() - start)
-    assert slowest < LONGEST
     assert seen["refused"] > MUTATIONS / 3
     assert seen["OK"] > MUTATIONS / 20
     # What OpenTURNS says of a Student law without a variance is all that anything prints.
@@ -259,11 +255,9 @@ def test_absurd_runs(setting, guard, capfd):
     generator = np.random.default_rng([*map(ord, str(setting))])
     rows = absurd_rows(separation, generator)
     guard()
-    start = time.perf_counter()
     outcome = simulate(separation, rows)
     check_outcome(outcome)
     with_gradients = simulate_with_gradients(separation, rows)
-    assert time.perf_counter() - start < ROWS * 0.02
     np.testing.assert_array_equal(with_gradients.status, outcome.status)
     np.testing.assert_array_equal(with_gradients.base, outcome.base)
     finished = outcome.status == Status.OK

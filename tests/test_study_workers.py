@@ -2,7 +2,6 @@
 
 import json
 import logging
-import time
 
 import pytest
 from small_cases import MASS_AND_RATE, ROLLING, SMALL
@@ -50,9 +49,7 @@ def test_a_cluster_changes_no_number(tmp_path, capsys):
 @pytest.mark.slow
 def test_an_address_where_nobody_answers(tmp_path, capsys):
     pytest.importorskip("distributed")
-    begin = time.monotonic()
     assert study(tmp_path, "never", "--dask", "tcp://127.0.0.1:9") == 2
-    assert time.monotonic() - begin < 30.0
     said = capsys.readouterr().err
     assert "satsep-ot: no Dask scheduler answers at tcp://127.0.0.1:9 within 10 s" in said
     assert not (tmp_path / "never").exists()
