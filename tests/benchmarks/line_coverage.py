@@ -22,7 +22,7 @@ from pathlib import Path
 
 import coverage
 import pytest
-from mutation_check import ALL_MOTION, Order, run_tests
+from mutation_check import Order, run_tests, tests_of
 
 ROOT = Path(__file__).resolve().parents[2]
 # One thread: a test that takes too long is interrupted in it, others would run to their end.
@@ -80,22 +80,23 @@ def mark(folder):
     for part in ("satsep_ot", "tests"):
         shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", copy)
-    for path in sorted((ROOT / "satsep_ot" / "dynamics").glob("*.py")):
+    for path in sorted((ROOT / "satsep_ot" / "dynamics").rglob("*.py")):
+        name = path.relative_to(ROOT)
         lines = path.read_text(encoding="utf-8").splitlines()
         for number in reversed(record.analysis2(str(path))[3]):
             indent, statement = re.fullmatch(r"( *)(.*)", lines[number - 1]).groups()
             # Nothing may stand before a further branch.
             if not statement.startswith(("elif ", "else:", "except", "finally:")):
-                lines.insert(number - 1, f'{indent}print("{MARK}{path.name}:{number}")')
-        (copy / "satsep_ot" / "dynamics" / path.name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+                lines.insert(number - 1, f'{indent}print("{MARK}{name}:{number}")')
+        (copy / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
     return copy
 
 
 def note_marks(folder, said):
     """Add the lines that have said so to what coverage has recorded."""
     reached = {}
-    for name, number in sorted(set(re.findall(rf"{MARK}(\w+\.py):(\d+)", said))):
-        reached.setdefault(str(ROOT / "satsep_ot" / "dynamics" / name), []).append(int(number))
+    for name, number in sorted(set(re.findall(rf"{MARK}(\S+\.py):(\d+)", said))):
+        reached.setdefault(str(ROOT / name), []).append(int(number))
     data = coverage.CoverageData(basename=str(folder / "coverage.marked"))
     data.add_lines(reached)
     data.write()
@@ -113,7 +114,7 @@ def main():
     if options.run:
         measure(folder, options.run, options.tests)
         return
-    motion = [f"tests/test_{name}.py" for name in (*ALL_MOTION, "force_table")] + ["satsep_ot/dynamics"]
+    motion = tests_of(ROOT, "satsep_ot/dynamics/simulation.py")[:-1] + ["satsep_ot/dynamics"]
     runs = {"durations": motion, "plain": motion, "compiled": options.tests or ["tests", "satsep_ot"], "slow": CLUSTER}
     for run, tests in runs.items() if not options.report else []:
         environment = os.environ | (PLAIN if tests is motion else {})

@@ -2,8 +2,9 @@
 
     python tests/benchmarks/mutation_check.py FOLDER [--seed 1] [--dynamics 50] [--methods 80]
 
-Copies the last commit into FOLDER, changes one operator or number at a time there, at random places, runs the fast
-tests that concern the file, the quickest first, and stops at the first that fails. The results are kept in FOLDER:
+Copies the last commit into FOLDER, changes one operator or number at a time there, at random places of all modules of
+these layers. Runs the doctests of the file and the fast tests that import a module of its folder, the quickest first,
+and stops at the first that fails. The results are kept in FOLDER:
 started again, it goes on where it was. Kernels run as plain Python, so that a mutant of them costs no compilation; what
 survives that runs all tests of the simulator once more, compiled.
 """
@@ -33,48 +34,11 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 QUICK_TEST = 2.5  # s: longer ones are left to the second, compiled stage
-# Seconds of processor time for the tests of one mutant, and of any time where it waits: one that never ends is noticed.
+# Seconds for the tests of one mutant: of processor time, beside twice what they take without it, and of any time. A
+# mutant that never ends is noticed.
 PATIENCE, WAIT = 150, 1800.0
-# What they find depends on the machine's other programs.
-TIMED_TESTS = ("is_fast_enough", "are_quick")
-MOTION = ("closed_forms", "bad_input", "sensitivities", "flight")
-ALL_MOTION = (
-    *MOTION, "force_contract", "rotations", "orbit", "relative_orbit", "invariants", "conservation", "simulation",
-    "separation_function", "run_document",
-)  # fmt: skip
-ESTIMATE = ("reliability", "failure_sample", "true_runs")
-# File -> the tests that concern it, beside its own doctests.
-FILES = {
-    "dynamics": {
-        "rotations": ("rotations", *MOTION),
-        "rigid_body": MOTION,
-        "springs": MOTION,
-        "gravity": MOTION,
-        "integration": ("integration", *MOTION),
-        "flight": MOTION,
-        "simulation": ("simulation", *MOTION),
-        "sensitivities": ("sensitivities", "closed_forms"),
-        "separation": ("bad_input", *MOTION),
-        "quantities": MOTION,
-        "orbit": ("orbit", *MOTION),
-        "relative_orbit": ("relative_orbit", *MOTION),
-    },
-    "methods": {
-        "active_subspace": ("documented_defaults", "active_subspace", "active_dimension"),
-        "active_subspace_result": ("active_subspace",),
-        "importance_proposal": ("importance_proposal", *ESTIMATE),
-        "limit_state_event": ESTIMATE,
-        "limit_state_surrogate": ("limit_state_surrogate", *ESTIMATE),
-        "polynomial_basis": ("polynomial_basis", "polynomial_regression"),
-        "polynomial_design": ("polynomial_design",),
-        "polynomial_distribution": ("polynomial_distribution",),
-        "polynomial_prediction": ("polynomial_prediction", "polynomial_regression"),
-        "polynomial_regression": ("documented_defaults", "polynomial_regression"),
-        "reliability": ("documented_defaults", *ESTIMATE),
-        "standard_space": ("standard_space", "active_subspace"),
-        "subspace_estimation": ("active_subspace",),
-    },
-}
+# How many mutants of each layer.
+LAYERS = {"dynamics": 50, "methods": 80}
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
     (
@@ -272,13 +236,17 @@ class Places(ast.NodeVisitor):
     visit_Raise = visit_Assert = visit_Import = visit_ImportFrom = visit_JoinedStr
 
 
+def modules(folder, layer):
+    """The modules of a layer, from the folder of the repository on."""
+    return sorted(str(path.relative_to(folder)) for path in (folder / "satsep_ot" / layer).rglob("*.py"))
+
+
 def mutants(folder, numbers, seed):
     """The mutants, in random order: file, place, what is put there, and the line before and after."""
     generator, chosen = random.Random(seed), []
-    for layer, files in FILES.items():
+    for layer in LAYERS:
         places = []
-        for name in files:
-            path = f"satsep_ot/{layer}/{name}.py"
+        for path in modules(folder, layer):
             text = (folder / path).read_text(encoding="utf-8")
             places += [(path, place) for place in Places(text).found]
         for path, (start, end, others) in generator.sample(places, numbers[layer]):
@@ -304,7 +272,6 @@ class Order:
             self.failed.append(f"{report.nodeid} cannot be collected")
 
     def pytest_collection_modifyitems(self, items):
-        items[:] = [item for item in items if not item.name.endswith(TIMED_TESTS)]
         if self.durations is not None:
             items[:] = [item for item in items if self.durations.get(item.nodeid, math.inf) < QUICK_TEST]
             items.sort(key=lambda item: (item.nodeid != self.first, self.durations[item.nodeid]))
@@ -336,9 +303,18 @@ def end_test(number, frame):
     raise TooSlow
 
 
-def tests_of(path):
-    layer, name = path.split("/")[1:]
-    return [*(f"tests/test_{test}.py" for test in FILES[layer][name.removesuffix(".py")]), path]
+def tests_of(folder, path):
+    """The tests that import a module of the same folder, but for those of whole studies, and the module itself."""
+    room = ".".join(Path(path).parent.parts)
+    if room.startswith("satsep_ot.dynamics"):
+        room = "satsep_ot.dynamics"
+    found = []
+    for test in sorted((folder / "tests").glob("test_*.py")):
+        imported = re.findall(r"^from (satsep_ot\S*(?: import cli)?)", test.read_text(encoding="utf-8"), re.M)
+        concerned = any(name == room or name.startswith(f"{room}.") for name in imported)
+        if concerned and not any(re.match(r"satsep_ot(\.studies| import cli)", name) for name in imported):
+            found.append(f"tests/{test.name}")
+    return [*found, path]
 
 
 def in_child(folder, job, patience):
@@ -409,8 +385,8 @@ def usual_durations(folder):
     """How long each test takes without a mutant; endless for those that fail since nothing is compiled."""
     kept = folder / "durations.json"
     durations = json.loads(kept.read_text()) if kept.exists() else {}
-    paths = [f"satsep_ot/{layer}/{name}.py" for layer, names in FILES.items() for name in names]
-    for file in sorted({file for path in paths for file in tests_of(path)} - durations.keys()):
+    paths = [path for layer in LAYERS for path in modules(folder, layer)]
+    for file in sorted({file for path in paths for file in tests_of(folder, path)} - durations.keys()):
 
         def measure(file=file):
             plugin = Order()
@@ -439,19 +415,22 @@ def applied(folder, mutant):
 def noticed(folder, mutant, durations, first):
     """The first test that fails, "" if none does."""
 
+    tests = tests_of(folder, mutant["path"])
+
     def check():
         plugin = Order(durations, first=first)
-        run_tests(tests_of(mutant["path"]), plugin, "-x")
+        run_tests(tests, plugin, "-x")
         return plugin.failed[0] if plugin.failed else ""
 
+    usual = sum(time for name, time in durations.items() if name.split("::")[0] in tests and time < QUICK_TEST)
     with applied(folder, mutant):
-        answer = in_child(folder, check, PATIENCE)
+        answer = in_child(folder, check, PATIENCE + math.ceil(2.0 * usual))
     return "it never ends, or crashes" if answer is None else answer
 
 
 def first_failure_compiled(folder):
     """The first that fails of all fast tests of the simulator, compiled, in a process of its own; "" if none does."""
-    files = [f"tests/test_{name}.py" for name in ALL_MOTION]
+    files = tests_of(folder, "satsep_ot/dynamics/simulation.py")[:-1]
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow", *files]
     environment = os.environ | {"PYTHONPATH": str(folder)}
     environment.pop("NUMBA_DISABLE_JIT", None)
@@ -473,7 +452,7 @@ def report(folder, chosen, results):
         "",
     ]
     total = caught = equal = 0
-    for layer in FILES:
+    for layer in LAYERS:
         of_layer = [mutant for mutant in chosen if layer in mutant["path"] and key(mutant) in results]
         survivors = [mutant for mutant in of_layer if not (results[key(mutant)] or results.get(compiled(mutant)))]
         same = [mutant for mutant in survivors if why_equivalent(mutant)]
@@ -507,14 +486,14 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--dynamics", type=int, default=50)
-    parser.add_argument("--methods", type=int, default=80)
+    for layer, number in LAYERS.items():
+        parser.add_argument(f"--{layer}", type=int, default=number)
     parser.add_argument("--report", action="store_true", help="print what is known so far")
     parser.add_argument("--hints", type=Path, help="an earlier folder: what noticed a mutant there is run first here")
     options = parser.parse_args()
     folder = options.folder.resolve()
     prepare(folder)
-    chosen = mutants(folder, {"dynamics": options.dynamics, "methods": options.methods}, options.seed)
+    chosen = mutants(folder, {layer: getattr(options, layer) for layer in LAYERS}, options.seed)
     kept = folder / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
     if options.report:
