@@ -4,6 +4,7 @@ The annotated file `cases/reference.toml` of this package names every key with i
 """
 
 import itertools
+import json
 import math
 import os
 import re
@@ -153,6 +154,30 @@ def shipped_cases() -> list[str]:
     """
     folder = resources.files("satsep_ot.model") / "cases"
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+
+
+def new_case_text(like: str, name: str) -> str:
+    """The text of a case of the package under another name, as a case file to start from.
+
+    Parameters
+    ----------
+    like : str
+        One of `shipped_cases`.
+    name : str
+
+    Returns
+    -------
+    text : str
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import new_case_text, parse_case
+    >>> parse_case(new_case_text("cubesat", "mine")).name
+    'mine'
+    """
+    # A text in TOML is written as in JSON.
+    line = f"name = {json.dumps(name)}"
+    return re.sub(r"^name = .*$", lambda _: line, load_case(like).text, count=1, flags=re.MULTILINE)
 
 
 def load_case(source: str | os.PathLike | Case = "reference") -> Case:

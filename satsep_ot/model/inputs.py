@@ -540,6 +540,35 @@ def normal_copula(names: Sequence[str], correlations: dict[tuple[str, str], floa
     return ot.NormalCopula(ot.CorrelationMatrix(matrix.tolist()))
 
 
+def correlated_pairs(names: Sequence[str], copula: ot.NormalCopula | None) -> list[tuple[str, str, float]]:
+    """The pairs of inputs that a normal copula correlates.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the inputs, in their order.
+    copula : :class:`openturns.NormalCopula`, optional
+        None for independent inputs.
+
+    Returns
+    -------
+    pairs : list of (str, str, float)
+        Two names and the coefficient of the copula, which is not 0.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.inputs import correlated_pairs, normal_copula
+    >>> correlated_pairs(["a", "b", "c"], normal_copula(["a", "b", "c"], {("a", "c"): 0.5}))
+    [('a', 'c', 0.5)]
+    """
+    if copula is None:
+        return []
+    # The parameter of a NormalCopula is the lower triangle of its matrix, row by row.
+    places = [(j, i) for i in range(len(names)) for j in range(i)]
+    found = zip(places, copula.getParameter(), strict=True)
+    return [(names[j], names[i], coefficient) for (j, i), coefficient in found if coefficient]
+
+
 def joint_distribution(inputs: Sequence[UncertainInput], copula: ot.Distribution | None = None) -> ot.JointDistribution:
     """The joint distribution of uncertain inputs, independent unless a copula is given.
 

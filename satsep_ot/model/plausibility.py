@@ -8,12 +8,12 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
-from satsep_ot.dynamics.invariants import spring_work
 from satsep_ot.dynamics.quantities import quantity_table
-from satsep_ot.dynamics.separation import Separation, Status
+from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.case import Case, Requirement
+from satsep_ot.model.hand_formulas import push_energy, push_velocity
 from satsep_ot.model.inputs import ParameterMap, interval_digits, joint_distribution, quantile_range
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
@@ -68,30 +68,6 @@ class RequirementScatter(NamedTuple):
     largest: float
     met: int
     runs: int
-
-
-def push_energy(separation: Separation) -> float:
-    """Work of all springs on their way, without losses [J].
-
-    Parameters
-    ----------
-    separation : :class:`satsep_ot.dynamics.separation.Separation`
-
-    Returns
-    -------
-    energy : float
-
-    Examples
-    --------
-    >>> from satsep_ot.model.case import load_case
-    >>> from satsep_ot.model.plausibility import push_energy
-    >>> round(push_energy(load_case("reference").separation), 9)
-    16.5
-    """
-    springs = separation.springs
-    linear = springs.laws == ForceLaw.LINEAR
-    way = np.where(linear, np.minimum(springs.stroke, springs.deformation), springs.stroke)
-    return float(spring_work(separation, np.zeros(len(springs)), way).sum())
 
 
 def implausibilities(case: Case) -> list[str]:
@@ -181,8 +157,7 @@ def requirement_scatter(case: Case) -> list[RequirementScatter]:
 
 def _of_the_push(separation):
     energy = push_energy(separation)
-    inverse = 1.0 / separation.platform.mass + 1.0 / separation.satellite.mass
-    speed = math.sqrt(max(2.0 * energy * inverse, 0.0))
+    speed = push_velocity(separation)
     if not _SLOWEST <= speed <= _FASTEST:
         yield (
             f"springs: their energy of {energy:.3g} J gives {speed:.3g} m/s; separations have {_SLOWEST:g} to "
