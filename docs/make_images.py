@@ -5,6 +5,7 @@ python docs/make_images.py [DIRECTORY] [RUNS]
 
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from satsep_ot.model.inputs import ParameterMap
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.telling import figures
+from satsep_ot.studies.telling.motion import compute_motion
 
 BLOCK = 100_000
 AGREEMENT = Path(__file__).parent.parent / "tests" / "benchmarks" / "truth_agreement.txt"
@@ -90,16 +92,31 @@ def component_figures(distribution, sample):
         regression = MultivariatePolynomialRegression(active, values, ot.Normal(1))
         regression.run()
         law = PolynomialDistribution(regression.getResult())
-        summaries[name] = (active, values, regression.getResult())
+        summaries[name] = (np.array(active), np.array(values)[:, 0], regression.getResult())
         true = function.evaluate(sample)[:, 0]
         grid = np.linspace(true.min(), true.max(), 150)
         densities[name] = {"sample": true, "density": (grid, [law.computePDF(t) for t in grid]), "unit": unit}
     densities["axial_velocity"].update(limit=0.590, is_maximum=False)
     return (
-        figures.eigenvalues_figure(results, COMPONENTS),
-        figures.sufficient_summary_figure(summaries, COMPONENTS),
-        figures.density_figure(densities),
+        panels(
+            [partial(figures.draw_eigenvalues, results[name], label=name, unit=COMPONENTS[name]) for name in results]
+        ),
+        panels(
+            [
+                partial(figures.draw_sufficient_summary, *summaries[name], label=name, unit=COMPONENTS[name])
+                for name in summaries
+            ]
+        ),
+        panels([partial(figures.draw_density, label=name, **densities[name]) for name in densities]),
     )
+
+
+def panels(draws):
+    """A figure with a panel of each."""
+    figure, axes = figures.make_panels(len(draws))
+    for draw, ax in zip(draws, axes, strict=True):
+        draw(ax=ax)
+    return figure
 
 
 def agreement_figure(text):
@@ -139,14 +156,19 @@ def main(directory, runs):
     sizes = [min(BLOCK, runs - done) for done in range(0, runs, BLOCK)]
     sample = np.array(distribution.getSample(sizes[0]))
     rates = [lateral.evaluate(sample), *(lateral.evaluate(distribution.getSample(size)) for size in sizes[1:])]
-    scattered = ParameterMap(case.inputs, case.separation).parameters(sample[:1])[0]
+    motion = compute_motion(case.separation, ParameterMap(case.inputs, case.separation).parameters(sample[:1])[0])
     eigenvalues, summaries, densities = component_figures(distribution, sample)
     pictures = {
         "lateral_rate": draw_rate_plane(np.concatenate(rates), design, form, 2.5),
         "eigenvalues": eigenvalues,
         "sufficient_summary": summaries,
         "densities": densities,
-        "separation": figures.separation_figure(case.separation, scattered),
+        "separation": panels(
+            [
+                partial(draw, motion)
+                for draw in (figures.draw_separation_velocity, figures.draw_rates, figures.draw_strokes)
+            ]
+        ),
         "agreement": agreement_figure(AGREEMENT.read_text(encoding="utf-8")),
     }
     for name, figure in pictures.items():

@@ -58,8 +58,8 @@ MOVED: dict[str, tuple[str, ...]] = {
     "methods.true_runs": ("methods.reliability.true_runs",),
     "methods.variable_projection": ("methods.subspaces.variable_projection",),
     "studies.animation": ("studies.telling.animation",),
-    "studies.figures": ("studies.telling.figures",),
-    "studies.report": ("studies.telling.report",),
+    "studies.figures": ("studies.telling.figures", "studies.telling.motion"),
+    "studies.report": ("studies.telling.report", "studies.telling.document"),
     "studies.verdicts": ("studies.telling.verdicts",),
 }
 # What has another name in its new module.

@@ -7,13 +7,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from small_cases import SMALL
 
 import satsep_ot
 from satsep_ot import cli
+from satsep_ot.commands import printing, simulate
 from satsep_ot.methods.parallel.scheduler import ChunkError
 from satsep_ot.model.case import load_case
 from satsep_ot.model.separation_function import SeparationError
@@ -59,8 +59,8 @@ def test_check_prints_the_case_as_understood(capsys):
         "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in a recess",
         "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
         "0.597912", "lateral_rate <= 2.5 deg/s", "axial_velocity >= 0.59 m/s", "18.2..25", "1014 of 1024",
-        "1,024 scattered ones only show where the limits lie: how likely each requirement is violated, "
-        "`satsep-ot study reference` answers.",
+        "1,024 scattered runs only show where the limits are. For the probability of violating each requirement run "
+        "`satsep-ot study reference`.",
     ):  # fmt: skip
         assert words in out, words
     assert "598 met" in out
@@ -72,7 +72,7 @@ def test_check_says_which_requirement_the_nominal_run_violates(tmp_path, capsys)
     assert cli.main(["check", small(tmp_path, extra)]) == 0
     out = capsys.readouterr().out
     assert re.search(r"0\.257 violated +none +0\.001", out)
-    assert "This run shows where the limits lie" in out
+    assert "The nominal run shows where the limits are" in out
     assert "No gravity" in out
 
 
@@ -186,7 +186,7 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
     assert cli.main([*arguments, "--runs", "20000", "--methods", "FORM", "MonteCarlo"]) == 0
     captured = capsys.readouterr()
     # The limit of +-2.5 standard deviations has two sides, of which FORM sees one.
-    assert "rolling: FORM gives 6.21e-03, 2." in captured.out
+    assert "rolling: FORM gives 6.21e-3, 2." in captured.out
     assert "times too low" in captured.out
     assert "20,000 Monte Carlo runs" in captured.err
     results = json.loads((output / "results.json").read_text(encoding="utf-8"))
@@ -197,7 +197,7 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
     ]
     assert list(results["rows"][0]) == [
         "requirement", "method", "probability", "lower95", "upper95", "coefficient_of_variation", "evaluations",
-        "gradients", "seconds", "converged", "note",
+        "gradients", "seconds", "converged", "note", "unseen_bound",
     ]  # fmt: skip
     assert {path.name for path in output.iterdir()} == {
         "results.json", "motion.json", "case.toml", "figures", "report.html", "origin.json", "runs", "steps",
@@ -305,7 +305,7 @@ def test_ctrl_c_stops_the_program(tmp_path):
 def test_check_cuts_nothing_at_80_columns(capsys, monkeypatch):
     from rich.console import Console
 
-    monkeypatch.setattr(cli, "_console", lambda: Console(width=80, highlight=False))
+    monkeypatch.setattr("satsep_ot.commands.check.console", lambda: Console(width=80, highlight=False))
     assert cli.main(["check", "reference"]) == 0
     out = capsys.readouterr().out
     assert "…" not in out
@@ -319,7 +319,7 @@ def test_check_cuts_nothing_at_80_columns(capsys, monkeypatch):
 def test_no_header_breaks_within_a_word_at_80_columns(tmp_path, capsys, monkeypatch):
     from rich.console import Console
 
-    monkeypatch.setattr(cli, "_console", lambda: Console(width=80, highlight=False))
+    monkeypatch.setattr("satsep_ot.commands.check.console", lambda: Console(width=80, highlight=False))
     path = tmp_path / "mine.toml"
     text = load_case("reference").text.replace("stroke = 30.0", "stroke = 30.0\ntable = [[0, 220], [30, 55]]", 1)
     connector = (
@@ -344,36 +344,6 @@ def test_no_header_breaks_within_a_word_at_80_columns(tmp_path, capsys, monkeypa
     assert max(map(len, lines)) <= 80
 
 
-def test_study_table_fits_a_terminal_of_80_columns():
-    from rich.console import Console
-
-    row = {
-        "requirement": "lateral rate", "method": "ActiveSubspace", "probability": 2.5e-4, "lower95": 2.25e-4,
-        "upper95": 2.75e-4, "evaluations": 500000, "gradients": 117, "seconds": 123.4, "converged": True, "note": "",
-    }  # fmt: skip
-    console = Console(width=80, highlight=False)
-    with console.capture() as capture:
-        console.print(cli._study_table("reference", [row, {**row, "method": "SubsetSampling", "lower95": None}]))
-    text = capture.get()
-    for words in (
-        "ActiveSubspace",
-        "SubsetSampling",
-        "2.500e-04",
-        "2.25e-04..2.75e-04",
-        "500,000",
-        "123.4",
-        "none",
-        "seconds",
-    ):
-        assert words in text
-    rare = {**row, "probability": 2.5e-104, "lower95": 2.25e-104, "upper95": 2.71e-103}
-    with console.capture() as capture:
-        console.print(cli._study_table("reference", [rare]))
-    text = capture.get()
-    assert "…" not in text
-    assert "2.500e-104  2.2e-104..2.7e-103" in text
-
-
 def test_study_refuses_a_directory_that_cannot_be_made(tmp_path, capsys):
     scatter = (
         '[inputs]\nmass = { quantity = "satellite.mass", sigma = 0.01 }\n'
@@ -396,13 +366,14 @@ def test_interruption_has_its_exit_code(monkeypatch, capsys):
     def interrupt(options):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(cli, "_simulate", interrupt)
+    monkeypatch.setattr(simulate, "run", interrupt)
     assert refused(["simulate"], capsys, 130) == "satsep-ot: interrupted; nothing was written\n"
 
 
 def test_what_an_interrupted_command_leaves_is_what_the_disk_says(tmp_path):
     def kept(*arguments):
-        return cli._kept(cli._parser().parse_args(list(map(str, arguments))))
+        options = cli.make_parser().parse_args(list(map(str, arguments)))
+        return options.command.left_behind(options)
 
     assert kept("check", "reference") == "nothing was written"
     assert kept("study", "--output", tmp_path) == "nothing was written"
@@ -525,10 +496,10 @@ def test_check_and_simulate_tell_every_effect(tmp_path, capsys):
 
 
 def test_a_first_run_says_why_it_takes_long(capsys):
-    with cli._patience(0.01):
+    with printing.say_if_compiling(0.01):
         time.sleep(0.2)
     assert "compiling the simulator" in capsys.readouterr().err
-    with cli._patience(5.0):
+    with printing.say_if_compiling(5.0):
         pass
     assert capsys.readouterr().err == ""
 
@@ -553,7 +524,7 @@ def test_errors_of_the_runs_are_one_sentence(error, words, monkeypatch, capsys):
     def fail(options):
         raise error
 
-    monkeypatch.setattr(cli, "_simulate", fail)
+    monkeypatch.setattr(simulate, "run", fail)
     assert re.search(words, refused(["simulate"], capsys, 1).strip())
 
 
@@ -561,7 +532,7 @@ def test_a_defect_keeps_its_traceback(monkeypatch):
     def fail(options):
         raise ValueError("shapes do not match")
 
-    monkeypatch.setattr(cli, "_simulate", fail)
+    monkeypatch.setattr(simulate, "run", fail)
     with pytest.raises(ValueError, match="shapes do not match"):
         cli.main(["simulate"])
 
@@ -578,7 +549,7 @@ def test_a_reader_that_has_left_is_told_nothing(monkeypatch):
             super().close()
 
     stream = Terminal()
-    monkeypatch.setattr(cli, "_simulate", fail)
+    monkeypatch.setattr(simulate, "run", fail)
     monkeypatch.setattr(sys, "stderr", stream)
     assert cli.main(["simulate"]) == 0
     assert stream.closed
@@ -593,7 +564,7 @@ def test_a_terminal_shows_a_bar_and_nothing_of_it_stays(monkeypatch):
     stream = Terminal()
     monkeypatch.setattr(sys, "stderr", stream)
     monkeypatch.setenv("TERM", "xterm")
-    with cli._progress() as show:
+    with printing.progress() as show:
         show("gradients", 0.25)
         show("figures", 0.75)
     assert "75%" in stream.getvalue()
@@ -623,48 +594,3 @@ def test_a_study_without_requirements_is_refused_before_it_begins(tmp_path, caps
         "satsep-ot: reference: the case has no requirements; give at least one [[requirements]]\n"
     )
     assert not (tmp_path / "results").exists()
-
-
-def test_the_command_knows_the_methods_of_a_study():
-    from satsep_ot.studies.separation_study import STUDY_METHODS
-
-    assert cli.METHODS == STUDY_METHODS
-
-
-def test_remarks_are_printed_as_they_are(capsys):
-    row = {"requirement": "spin", "method": "FORM", "converged": True, "note": "SQP: at [red]"}
-    assert list(cli._study_remarks([row]))[1] == r"  FORM: SQP: at \[red]"
-
-
-def test_what_halving_a_tolerance_buys_is_printed(capsys):
-    row = {
-        "tolerance": "mass",
-        "probability": 2e-4,
-        "lower95": 1e-4,
-        "upper95": 4e-4,
-        "converged": False,
-        "note": "few",
-    }
-
-    class Study:
-        def getRows(self):
-            return []
-
-        def getRemarks(self):
-            return []
-
-        def getTolerances(self):
-            none = dict.fromkeys(("probability", "lower95", "upper95"))
-            return {
-                "spin": [
-                    row,
-                    {**row, "tolerance": "stroke", "converged": True},
-                    {**row, **none, "tolerance": "cant", "note": "RuntimeError: [x]"},
-                ]
-            }
-
-    cli._print_study("mine", Study(), [], [Path("out", "report.html")])
-    out = " ".join(capsys.readouterr().out.split())
-    assert "spin with half the scatter of mass: 2.00e-04 (1.00e-04..4.00e-04), not converged: few" in out
-    assert "spin with half the scatter of stroke: 2.00e-04 (1.00e-04..4.00e-04) " in out + " "
-    assert "spin with half the scatter of cant: the estimate failed: RuntimeError: [x] " in out + " "

@@ -12,6 +12,7 @@ from small_cases import MASS_AND_RATE, ROLLING, SMALL
 from satsep_ot.model.case import load_case, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies import drivers
+from satsep_ot.studies.telling import scatter
 
 CASE = f"""{SMALL}{MASS_AND_RATE}{ROLLING}[[requirements]]
 name = "never"
@@ -28,25 +29,25 @@ def problem():
 def test_scatter_in_words():
     row = load_case("reference").inputs[0]
     assert (
-        drivers.describe_scatter(replace(row, distribution=ot.Distribution(ot.Uniform(1.0, 2.5))))
+        scatter.describe_scatter(replace(row, distribution=ot.Distribution(ot.Uniform(1.0, 2.5))))
         == "1 to 2.5 kg, uniform"
     )
     # An interval that is narrow beside its mean still has a width.
     for low, high, words in ((199.5, 200.5, "199.5 to 200.5"), (-1e6, 0.1 - 1e6, "-1000000 to -999999.9")):
         narrow = replace(row, distribution=ot.Distribution(ot.Uniform(low, high)))
-        assert drivers.describe_scatter(narrow) == f"{words} kg, uniform"
+        assert scatter.describe_scatter(narrow) == f"{words} kg, uniform"
     gumbel = ot.Distribution(ot.Gumbel(1.0, 2.0))
-    assert drivers.describe_scatter(replace(row, distribution=gumbel)) == f"{gumbel} kg"
+    assert scatter.describe_scatter(replace(row, distribution=gumbel)) == f"{gumbel} kg"
 
 
 def test_scatter_of_several_inputs_in_words():
     rows = drivers.tolerances(load_case("reference"))["stiffness"]
     changed = [replace(row, distribution=ot.Distribution(ot.Normal(1.0, 11.0 * k))) for k, row in enumerate(rows, 1)]
-    assert drivers.describe_scatters(changed) == "sigma 11 to 44 N/m"
-    assert drivers.describe_scatters([changed[0], changed[1], changed[0]]) == "sigma 11 N/m; sigma 22 N/m"
+    assert scatter.describe_scatters(changed) == "sigma 11 to 44 N/m"
+    assert scatter.describe_scatters([changed[0], changed[1], changed[0]]) == "sigma 11 N/m; sigma 22 N/m"
     flat = replace(rows[0], distribution=ot.Distribution(ot.Uniform(1.0, 2.5)))
-    assert drivers.describe_scatters([*changed[:2], flat]) == "sigma 11 N/m; sigma 22 N/m; 1 to 2.5 N/m, uniform"
-    assert drivers.describe_scatter(replace(changed[0], unit="1")) == "sigma 11"
+    assert scatter.describe_scatters([*changed[:2], flat]) == "sigma 11 N/m; sigma 22 N/m; 1 to 2.5 N/m, uniform"
+    assert scatter.describe_scatter(replace(changed[0], unit="1")) == "sigma 11"
 
 
 def test_what_several_inputs_are_in_words():
@@ -57,7 +58,7 @@ def test_what_several_inputs_are_in_words():
         (["mass of all", "mass of all"], "mass of all"),
         (["one thing", "another"], "one thing; another"),
     ):
-        assert drivers.describe_inputs([replace(row, description=word) for word in words]) == text
+        assert scatter.describe_inputs([replace(row, description=word) for word in words]) == text
 
 
 def test_a_tolerance_that_is_none_is_named():

@@ -288,9 +288,9 @@ def test_the_screen_of_the_readme_is_what_a_study_prints():
     )
     study.run()
     rows = [
-        (row["probability"], row["lower95"], row["upper95"], float(row["evaluations"]))
-        for row in study.getRows()
-        if row["method"] == "ActiveSubspace"
+        (row.probability, row.lower95, row.upper95, float(row.evaluations))
+        for row in study.getResult().rows
+        if row.method == "ActiveSubspace"
     ]
     expected = [tuple(float(number.replace(",", "")) for number in row) for row in shown]
     np.testing.assert_allclose(rows, expected, rtol=5e-3)

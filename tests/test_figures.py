@@ -4,6 +4,7 @@ import io
 import itertools
 import subprocess
 import sys
+from functools import partial
 
 import numpy as np
 import openturns as ot
@@ -19,11 +20,12 @@ from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.case import load_case
 from satsep_ot.studies.telling import figures
 from satsep_ot.studies.telling.animation import animation_data
+from satsep_ot.studies.telling.figures import ProbabilityBar
+from satsep_ot.studies.telling.motion import compute_motion
 
 
 def row(method, probability, lower=None, upper=None, **more):
-    values = {"requirement": "spin", "method": method, "probability": probability, "lower95": lower, "upper95": upper}
-    return {**values, "evaluations": 1000, "gradients": 0, "converged": True, **more}
+    return ProbabilityBar(method, probability, lower, upper, **{"evaluations": 1000, **more})
 
 
 ROWS = [
@@ -67,17 +69,39 @@ def every_figure(subspace):
     below = {"sample": sample, "limit": -9.0, "is_maximum": False, "probability": 1e-19, "unit": "mm"}
     springs = Springs(np.linspace(0.0, 6.0, 12), 0.3, 2000.0, 0.04, 0.03)
     return [
-        figures.eigenvalues_figure({"rate_x": subspace, "axial_velocity": subspace}, {"rate_x": "deg/s"}),
-        figures.sufficient_summary_figure(
-            {"g": (active, values, regression(active, values)), "h": (plane, bilinear, regression(plane, bilinear))},
-            {"g": "mm"},
+        panels(
+            lambda ax: figures.draw_eigenvalues(subspace, ax, "rate_x", "deg/s"),
+            lambda ax: figures.draw_eigenvalues(subspace, ax, "axial_velocity"),
         ),
-        figures.density_figure({"rate_x": density, "clearance": below}),
-        figures.probabilities_figure(ROWS, {"spin": "spin <= 1 deg/s"}),
-        figures.separation_figure(symmetric_separation()),
-        figures.separation_figure(general_separation(ForceLine.STRUT)),
-        figures.separation_figure(symmetric_separation(springs=springs)),
+        panels(
+            lambda ax: figures.draw_sufficient_summary(active, values, regression(active, values), ax, "g", "mm"),
+            lambda ax: figures.draw_sufficient_summary(plane, bilinear, regression(plane, bilinear), ax, "h"),
+        ),
+        panels(
+            lambda ax: figures.draw_density(ax=ax, label="rate_x", **density),
+            lambda ax: figures.draw_density(ax=ax, label="clearance", **below),
+        ),
+        figures.draw_probabilities(ROWS, title="spin <= 1 deg/s").figure,
+        figures.draw_answer(2e-4, 1e-4, 4e-4, allowed=1e-3).figure,
+        figures.draw_shares({"mass": 0.7, "stroke": 0.2, "cant": 0.1}, title="spin").figure,
+        motion_figure(symmetric_separation()),
+        motion_figure(general_separation(ForceLine.STRUT)),
+        motion_figure(symmetric_separation(springs=springs)),
     ]
+
+
+def panels(*draws):
+    """A figure with a panel of each."""
+    figure, axes = figures.make_panels(len(draws))
+    for draw, ax in zip(draws, axes, strict=True):
+        draw(ax)
+    return figure
+
+
+def motion_figure(separation):
+    motion = compute_motion(separation)
+    draws = figures.draw_separation_velocity, figures.draw_rates, figures.draw_strokes
+    return panels(*(partial(draw, motion) for draw in draws))
 
 
 def test_every_figure_is_readable_and_drawn_without_a_warning(all_figures, tmp_path):
@@ -126,7 +150,7 @@ assert parameters() == before
 
 
 def test_panels_draw_into_the_axes_given(subspace):
-    motion = figures.compute_motion(symmetric_separation())
+    motion = compute_motion(symmetric_separation())
     calls = [
         (figures.draw_eigenvalues, subspace),
         (figures.draw_density, [1.0, 2.0]),
@@ -209,7 +233,7 @@ def test_small_numbers_below_a_density_have_room():
 
 def test_probabilities_show_every_method_with_its_cost():
     ax = figures.draw_probabilities(ROWS)
-    assert [label.get_text() for label in ax.get_yticklabels()] == [entry["method"] for entry in ROWS]
+    assert [label.get_text() for label in ax.get_yticklabels()] == [bar.label for bar in ROWS]
     texts = [text.get_text() for text in ax.texts]
     assert texts == ["1,000 runs", "1,000 runs\n12 gradients", "123,456 runs", "1,000 runs", "1,000 runs", "no result"]
     low, high = ax.get_xlim()
@@ -234,10 +258,10 @@ def test_probabilities_without_any_number():
 
 
 def test_a_message_stands_in_place_of_a_probability():
-    ax = figures.draw_probabilities([row("as it is", 1e-3, 5e-4, 2e-3), {**row("half", None), "message": "too rare"}])
+    ax = figures.draw_probabilities([row("as it is", 1e-3, 5e-4, 2e-3), row("half", None, message="too rare")])
     assert "too rare" in [text.get_text() for text in ax.texts]
     assert ax.get_xlim()[1] < 1e-2
-    failed = {**row("half", None), "message": "failed", "evaluations": None}
+    failed = row("half", None, message="failed", evaluations=None)
     assert [text.get_text() for text in figures.draw_probabilities([failed]).texts] == ["", "failed"]
 
 
@@ -245,10 +269,7 @@ def test_a_message_stands_in_place_of_a_probability():
     "call",
     [
         lambda: figures.draw_probabilities([]),
-        lambda: figures.probabilities_figure([]),
-        lambda: figures.eigenvalues_figure({}, {}),
-        lambda: figures.sufficient_summary_figure({}, {}),
-        lambda: figures.density_figure({}),
+        lambda: figures.make_panels(0),
         lambda: figures.draw_shares({}),
     ],
 )
@@ -259,7 +280,7 @@ def test_nothing_to_draw_is_an_error(call):
 
 def test_motion_of_the_axial_push_has_a_closed_form():
     """s = xi (1 - cos(Omega t)) and v = xi Omega sin(Omega t) until the release."""
-    motion = figures.compute_motion(symmetric_separation())
+    motion = compute_motion(symmetric_separation())
     frequency = np.sqrt(22000.0 * (1.0 / 1200.0 + 1.0 / 100.0))
     pushing = motion.times <= motion.release_times[0]
     times = motion.times[pushing]
@@ -276,7 +297,7 @@ def test_motion_of_the_axial_push_has_a_closed_form():
 @pytest.mark.parametrize("force_line", ForceLine)
 def test_motion_of_a_general_separation_releases_at_the_strokes(force_line):
     separation = general_separation(force_line)
-    motion = figures.compute_motion(separation)
+    motion = compute_motion(separation)
     np.testing.assert_allclose(motion.release_strokes, separation.springs.stroke, rtol=1e-8)
     assert np.isnan(motion.strokes[motion.times < separation.springs.delay[3], 3]).all()
     outcome = simulate(separation)
@@ -289,18 +310,18 @@ def test_motion_of_other_parameters_than_the_nominal_ones():
     separation = symmetric_separation()
     parameters = separation.parameters()
     parameters[[name.endswith("stiffness") for name in separation.parameter_names()]] *= 4.0
-    slow, fast = figures.compute_motion(separation), figures.compute_motion(separation, parameters)
+    slow, fast = compute_motion(separation), compute_motion(separation, parameters)
     assert fast.velocity[-1] == pytest.approx(2.0 * slow.velocity[-1], rel=1e-7)
 
 
 def test_run_that_fails_is_not_drawn():
     with pytest.raises(RuntimeError, match="a spring was not released within the horizon"):
-        figures.separation_figure(symmetric_separation(horizon=0.05))
+        compute_motion(symmetric_separation(horizon=0.05))
 
 
 def test_motion_with_a_failed_spring_leaves_it_out():
     separation = load_case("one_spring_failed").separation
-    motion = figures.compute_motion(separation)
+    motion = compute_motion(separation)
     assert np.isnan(motion.release_times[2])
     assert np.isnan(motion.strokes[:, 2]).all()
     np.testing.assert_allclose(np.delete(motion.release_strokes, 2), 0.03, atol=1e-7)
@@ -311,7 +332,7 @@ def test_motion_with_a_failed_spring_leaves_it_out():
 def test_pins_of_a_connector_are_not_drawn_as_a_spring():
     connector = umbilical(0.4, 0.22, 1500.0, 0.008, 0.0075, friction=18.0, engagement=0.006)
     separation = symmetric_separation(springs=symmetric_separation().springs.joined(connector))
-    motion = figures.compute_motion(separation)
+    motion = compute_motion(separation)
     assert motion.names[-2:] == ("umbilical connector 1", "pins of connector 1")
     assert motion.pins.tolist() == [False] * 5 + [True]
     ax = figures.draw_strokes(motion)

@@ -15,7 +15,10 @@ from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.separation_study import SeparationStudy
-from satsep_ot.studies.telling.report import COVERAGE, ReportError, _gain, render_report, write_report
+from satsep_ot.studies.telling.document import ReportError
+from satsep_ot.studies.telling.remarks import COVERAGE
+from satsep_ot.studies.telling.report import render_report, write_report
+from satsep_ot.studies.telling.words import probability_text
 from tests.browser import PROGRAM, Browser
 
 CASE = f"""name = "small <case> & co"
@@ -129,14 +132,16 @@ def test_the_table_of_coverage_is_what_the_benchmark_printed():
     assert f"coverage is above {100 * clopperPearson(16, 16)[0]:.0f} %" in text
 
 
-def test_what_a_surrogate_may_have_missed_is_bounded_in_the_same_sentence(page, results):
-    notes = [row["note"] for row in results["rows"] if "no run has pointed at" in row["note"]]
-    notes += [values["reason"] for values in results["diagnostics"].values() if "pointed at" in values["reason"]]
-    assert len(notes) >= 2
-    assert all("is not excluded by these runs; 5,000 Monte Carlo runs bound the whole" in note for note in notes)
-    assert all(note in visible_text(page) for note in notes)
+def test_what_a_surrogate_may_have_missed_is_told_once(page, results):
+    bounds = [row["unseen_bound"] for row in results["rows"] if row["unseen_bound"] is not None]
+    assert bounds
+    text = visible_text(page)
+    assert text.count("a failure region that no run has reached is not excluded.") == 1
+    told = text.split("at most the probability:")[1].split("Nothing here")[0]
+    assert all(probability_text(bound) in told for bound in bounds)
+    assert "its 5,000 runs reach, with 95 % confidence, every failure region of a probability above 6e-4." in told
     met = next(verdict for verdict in results["verdicts"] if verdict["status"] == "met")
-    assert "5,000 Monte Carlo runs, which need no surrogate, bound it by" in met["sentence"]
+    assert "The 5,000 runs of MonteCarlo, which needs no surrogate, bound it by" in met["sentence"]
 
 
 def test_why_an_estimate_with_half_a_tolerance_ended_is_told(page, results):
@@ -210,25 +215,6 @@ def test_the_most_likely_violation_of_a_known_case(results):
     assert violation["quantities"]["spin"] > 1.0
 
 
-def test_gains_are_told_in_words():
-    def row(probability, spread=1.1, converged=True):
-        interval = {"lower95": probability / spread, "upper95": probability * spread}
-        return {"probability": probability, **interval, "converged": converged}
-
-    assert _gain(row(1e-3), row(2.5e-4)) == "4 times less"
-    assert _gain(row(1e-3), row(2e-3)) == "2 times more"
-    assert _gain(row(1e-3), row(1e-8)) == "more than 100 times less"
-    assert _gain(row(1e-3), row(9.5e-4)) == "no difference that these runs show"
-    assert _gain(row(1e-3), row(0.0)) == "no violation left in these runs"
-    # Runs that end without an answer must not look like a worse case.
-    assert _gain(row(1e-3), {**row(0.0), "upper95": 1.09e-3}) == "no violation left in these runs"
-    assert _gain(row(1e-3), {**row(0.0), "upper95": 1.11e-3}) == "too rare to resolve with these runs"
-    assert _gain(row(1e-3), row(9e-4, 2.0, converged=False)) == "too rare to resolve with these runs"
-    assert _gain(row(1e-3), row(9e-4, 2.0)) == "no difference that these runs show"
-    assert _gain(row(1e-3), row(1.1e-3, 2.0, converged=False)) == "no difference that these runs show"
-    assert _gain(None, row(1e-3)) == ""
-
-
 def test_runs_that_end_without_an_answer_are_no_advice(directory, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(directory, copy)
@@ -237,8 +223,11 @@ def test_runs_that_end_without_an_answer_are_no_advice(directory, tmp_path):
     halved.update(probability=0.0, lower95=0.0, upper95=0.0567, converged=False)
     (copy / "results.json").write_text(json.dumps(changed), encoding="utf-8")
     text = visible_text(render_report(copy))
-    now = re.search(r"brings the probability from ([0-9.e-]+) to", visible_text(render_report(directory)))[1]
-    assert f"With half of it, a violation, now of probability {now}, is too rare to resolve with these runs." in text
+    now = re.search(r"changes the probability from ([0-9.e-]+) to", visible_text(render_report(directory)))[1]
+    assert (
+        f"The probability is now {now}. With half of the scatter a violation is too rare to resolve with these runs."
+        in text
+    )
     assert "0.0567" not in text
 
 
@@ -294,15 +283,57 @@ def test_report_command_writes_the_same_page_again(directory, page, tmp_path, ca
     assert not list(copy.glob(".report*"))
 
 
+def test_results_of_version_0_1_0_give_a_report(directory, results, tmp_path):
+    shutil.copytree(directory, tmp_path / "old")
+    old = {key: value for key, value in results.items() if key not in ("format", "driver_measures")}
+    for entry in (*old["rows"], *old["quantities"].values()):
+        entry.pop("unseen_bound", None)
+        entry.pop("part_of", None)
+    (tmp_path / "old" / "results.json").write_text(json.dumps(old), encoding="utf-8")
+    assert "Not met: slow." in visible_text(render_report(tmp_path / "old"))
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [
+        (lambda document: document["rows"][0].pop("evaluations"), None),
+        (lambda document: document["rows"][0].update(probability="few"), "rows: probability: 'few' is no number"),
+        (lambda document: document.update(quantities=[]), r"quantities: \[\] is no object"),
+        (
+            lambda document: document["rows"][0].update(method="Guess"),
+            "rows: method: 'Guess' is not a valid StudyMethod",
+        ),
+        (lambda document: document.pop("seed"), "seed is missing"),
+        (lambda document: document["tolerances"].clear(), "its parts do not belong together"),
+    ],
+)
+def test_damaged_results_are_refused_in_one_sentence(directory, results, tmp_path, damage, sentence):
+    shutil.copytree(directory, tmp_path / "copy")
+    document = json.loads(json.dumps(results))
+    damage(document)
+    (tmp_path / "copy" / "results.json").write_text(json.dumps(document), encoding="utf-8")
+    if sentence is None:
+        # A number with a default may be missing.
+        assert render_report(tmp_path / "copy")
+    else:
+        with pytest.raises(ReportError, match=sentence) as caught:
+            render_report(tmp_path / "copy")
+        assert "\n" not in str(caught.value)
+        assert "run the study again" in str(caught.value)
+
+
 def test_what_is_no_study_is_refused_in_one_sentence(directory, tmp_path, capsys):
     assert cli.main(["report", str(tmp_path)]) == 2
     captured = capsys.readouterr().err
     assert captured.count("\n") == 1
     assert "there is no such file" in captured
     for text, words in (
-        ("{", "not valid JSON"), ("[]", "must hold an object"), ("{}", "is not what this version's study writes"),
+        ("{", "not valid JSON"),
+        ("[]", "must hold an object"),
+        ("{}", "is not what this version's study writes .case is missing."),
         ('{"complete": false}', "was interrupted"),
-    ):  # fmt: skip
+        ('{"format": 99}', "has the format 99, and this version reads 1 to 2"),
+    ):
         (tmp_path / "results.json").write_text(text, encoding="utf-8")
         with pytest.raises(ReportError, match=words):
             render_report(tmp_path)

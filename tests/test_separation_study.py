@@ -1,7 +1,8 @@
 """The chain as a whole, at a small size."""
 
-import copy
+import dataclasses
 import json
+import warnings
 
 import numpy as np
 import pytest
@@ -10,6 +11,11 @@ from small_cases import SMALL
 from satsep_ot.model.case import CaseError, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.separation_study import SYSTEM, SeparationStudy
+from satsep_ot.studies.surrogates import sample_surrogates
+from satsep_ot.studies.telling.document import read_results, results_document
+from satsep_ot.studies.telling.remarks import remarks
+from satsep_ot.studies.telling.verdicts import judge_all
+from satsep_ot.studies.telling.words import StudyMethod
 
 # Runs of the Monte Carlo sample: 20,000 give half a percent of the violation probabilities of spin and system.
 SIZE = 20_000
@@ -25,39 +31,43 @@ def study():
 
 
 def rows(study, requirement):
-    return {row["method"]: row for row in study.getRows() if row["requirement"] == requirement}
+    return {row.method: row for row in study.getResult().rows_of(requirement)}
 
 
 def test_every_requirement_has_a_row_of_every_method(study):
     expected = [*SeparationProblem("reference").getRequirementNames(), SYSTEM]
-    assert [row["requirement"] for row in study.getRows()[::3]] == expected
-    assert [row["method"] for row in study.getRows()[:3]] == ["ActiveSubspace", "FORM", "MonteCarlo"]
+    found = study.getResult().rows
+    assert [row.requirement for row in found[::3]] == expected
+    assert [row.method for row in found[:3]] == ["ActiveSubspace", "FORM", "MonteCarlo"]
 
 
 def test_intervals_of_active_subspace_and_monte_carlo_overlap(study):
     for requirement in (*SeparationProblem("reference").getRequirementNames(), SYSTEM):
         ours, crude = rows(study, requirement)["ActiveSubspace"], rows(study, requirement)["MonteCarlo"]
-        assert ours["lower95"] <= crude["upper95"]
-        assert crude["lower95"] <= ours["upper95"]
-        assert ours["evaluations"] + ours["gradients"] <= 5000
-        assert crude["evaluations"] == SIZE
+        assert ours.lower95 <= crude.upper95
+        assert crude.lower95 <= ours.upper95
+        assert ours.evaluations + ours.gradients <= 5000
+        assert crude.evaluations == SIZE
 
 
 def test_form_is_told_where_it_is_wrong(study):
-    remarks = study.getRemarks()
-    assert any(text.startswith("lateral rate: FORM gives") and "times too low" in text for text in remarks)
-    assert not any(text.startswith("axial velocity: FORM gives") and "too high" in text for text in remarks)
+    found = remarks(study.getResult())
+    assert any(text.startswith("lateral rate: FORM gives") and "times too low" in text for text in found)
+    assert not any(text.startswith("axial velocity: FORM gives") and "too high" in text for text in found)
 
 
 def test_intervals_that_do_not_overlap_are_told(study):
-    changed = copy.copy(study)
-    changed._rows = [dict(row) for row in study.getRows()]
-    assert not any("do not overlap" in text for text in changed.getRemarks())
-    for row in changed._rows:
-        if (row["requirement"], row["method"]) == ("spin", "MonteCarlo"):
-            row["lower95"], row["upper95"] = 2.0 * row["upper95"], 3.0 * row["upper95"]
-    assert [text.split(":")[0] for text in changed.getRemarks() if "do not overlap" in text] == ["spin"]
-    verdict = next(verdict for verdict in changed.getVerdicts() if verdict.requirement == "spin")
+    result = study.getResult()
+    assert not any("do not overlap" in text for text in remarks(result))
+    apart = [
+        dataclasses.replace(row, lower95=2.0 * row.upper95, upper95=3.0 * row.upper95)
+        if (row.requirement, row.method) == ("spin", StudyMethod.MONTE_CARLO)
+        else row
+        for row in result.rows
+    ]
+    changed = dataclasses.replace(result, rows=tuple(apart))
+    assert [text.split(":")[0] for text in remarks(changed) if "do not overlap" in text] == ["spin"]
+    verdict = next(verdict for verdict in judge_all(changed) if verdict.requirement == "spin")
     assert "taken together they reach from" in verdict.sentence
 
 
@@ -74,21 +84,26 @@ def test_results_are_saved_whole_and_can_be_read_again(study, tmp_path):
     written = {path for path in (tmp_path / "new" / "study").rglob("*") if path.is_file()}
     assert {path.name for path in written - set(paths)} == {"origin.json", "case.toml"}
     results = json.loads(paths[0].read_text(encoding="utf-8"))
-    again = json.loads(json.dumps(study.getResults()))
-    assert {key: results[key] for key in again if key != "finished"} == {
-        key: again[key] for key in again if key != "finished"
-    }
+    again = json.loads(json.dumps(results_document(study.getResult())))
+    for key in again.keys() - {"finished", "figures"}:
+        assert results[key] == again[key]
     assert results["versions"]["openturns"].startswith("1.27")
+    # What is read is what was written.
+    read = read_results(paths[0])
+    expected = dataclasses.replace(study.getResult(), figures=read.figures, finished=read.finished)
+    assert read == expected
+    assert {figure.file for figure in read.figures} == {path.name for path in written if path.suffix == ".svg"}
 
 
 def test_a_row_does_not_depend_on_the_other_methods(study):
     alone = SeparationStudy(SeparationProblem("reference"), ["ActiveSubspace"], 5, sampleSize=1)
     row = alone._runMethod("spin", "ActiveSubspace")
-    assert row.probability == rows(study, "spin")["ActiveSubspace"]["probability"]
+    assert row.probability == rows(study, "spin")["ActiveSubspace"].probability
 
 
 def test_the_surrogates_law_is_that_of_the_sample(study):
-    law = study._surrogateSample(SIZE)
+    study._start("surrogate")
+    law = sample_surrogates(study._problem, study.getComponents(), SIZE)
     columns = list(study._problem.getFunction().getOutputDescription())
     for entry in study._problem.getRequirements():
         column = next(i for i, label in enumerate(columns) if label.startswith(entry.quantity + " "))
@@ -118,9 +133,9 @@ def test_a_case_without_requirements_is_refused_before_anything_is_begun():
 
 def test_a_study_that_has_not_run_has_results_but_no_report(tmp_path):
     study = SeparationStudy(SeparationProblem("reference"), ["FORM"])
-    spin = study.getResults()["quantities"]["spin"]
-    assert spin["nominal"] > 0.0
-    assert "mean" not in spin
+    spin = study.getResult().quantities["spin"]
+    assert spin.nominal > 0.0
+    assert spin.mean is None
     with pytest.raises(RuntimeError, match=r"has not run to its end: call run\(\) first"):
         study.save(tmp_path / "results")
     assert not (tmp_path / "results").exists()
@@ -139,9 +154,9 @@ def test_a_quantity_that_no_input_matters_to_has_neither_subspace_nor_violation(
     problem = SeparationProblem(parse_case(CONSTANT, "mine.toml"))
     study = SeparationStudy(problem, ["MonteCarlo"], 0, 100, 20, toleranceSize=0)
     study.run()
-    results = study.getResults()
-    assert results["components"] == results["violations"] == {}
-    assert results["quantities"]["axial_velocity"]["deviation"] < 1e-9
+    result = study.getResult()
+    assert result.components == result.violations == {}
+    assert result.quantities["axial_velocity"].deviation < 1e-9
 
 
 def test_what_a_study_is_made_of_and_what_it_found(study):
@@ -152,3 +167,18 @@ def test_what_a_study_is_made_of_and_what_it_found(study):
     assert study.getReliabilityResult("spin").getConverged()
     assert set(study.getViolations()) <= set(SeparationProblem("reference").getRequirementNames())
     assert study.getViolations()["spin"].distance > 2.0
+
+
+def test_old_accessors_warn_and_tell_the_same(study):
+    result = study.getResult()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        assert [row["probability"] for row in study.getRows()] == [row.probability for row in result.rows]
+        assert study.getVerdicts() == judge_all(result)
+        assert study.getRemarks() == remarks(result)
+        assert study.getDriverShares("spin") == result.drivers["spin"]
+        assert study.getTolerances() == {name: [] for name in result.tightened}
+        assert study.getTightenedRatios() == result.ratios
+        assert study.getResults()["case"] == "reference"
+    assert len(caught) == 7
+    assert all(issubclass(one.category, DeprecationWarning) for one in caught)

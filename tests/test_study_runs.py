@@ -1,5 +1,6 @@
 """The true runs that a study keeps: made again they give the same, and the estimates follow from them."""
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -9,7 +10,6 @@ import openturns as ot
 import pytest
 from small_cases import LINEAR, MASS_AND_RATE, ROLLING, SMALL
 
-from satsep_ot.cli import _print_study
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -17,6 +17,8 @@ from satsep_ot.studies.drivers import scaled_case
 from satsep_ot.studies.results_directory import DirectoryError
 from satsep_ot.studies.separation_study import SeparationStudy
 from satsep_ot.studies.study_runs import BLOCK, list_runs, load_runs
+from satsep_ot.studies.telling.results import HalvedTolerance
+from satsep_ot.studies.telling.tables import tightened_lines
 
 CASE = f"""name = "small"
 {SMALL}{MASS_AND_RATE}[[correlation]]
@@ -157,6 +159,19 @@ def test_inputs_that_cannot_be_drawn_again_are_not_made_up(directory, tmp_path):
         load_runs(tmp_path, "sample")
 
 
+def test_the_sample_of_version_0_1_0_is_loaded(directory, tmp_path):
+    shutil.copytree(directory, tmp_path / "old")
+    path = tmp_path / "old" / "steps" / "sample.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    result = content["result"]
+    result["first block"] = result.pop("first_block")
+    result["limits"] = {"rolling": ["spin", True, 1.0]}
+    path.write_text(json.dumps(content), encoding="utf-8")
+    old, new = load_runs(tmp_path / "old", "sample"), load_runs(directory, "sample")
+    assert np.array_equal(old.failed, new.failed)
+    assert old.failed.any()
+
+
 def test_another_case_is_refused_and_the_same_in_other_words_continued(directory):
     def study(text, seed=3):
         methods = ["ActiveSubspace", "FORM", "SubsetSampling", "MonteCarlo"]
@@ -174,7 +189,7 @@ def test_another_case_is_refused_and_the_same_in_other_words_continued(directory
     again.setDirectory(directory, resume=True)
     again._runSample = again._runMethod = None
     again.run()
-    assert len(again.getRows()) == 8
+    assert len(again.getResult().rows) == 8
     again.close()
 
 
@@ -190,7 +205,7 @@ def test_a_sample_that_is_too_large_to_be_kept_gives_the_same(monkeypatch, tmp_p
     assert np.array_equal(part._sample, whole._sample)
     # The XML of the distribution numbers its parts as the process has come to them.
     ignored = {"seconds": 0.0, "distribution": ""}
-    assert {**part._summary, **ignored} == {**whole._summary, **ignored}
+    assert dataclasses.replace(part._summary, **ignored) == dataclasses.replace(whole._summary, **ignored)
 
 
 def test_a_study_is_saved_where_it_was_told(tmp_path):
@@ -204,7 +219,7 @@ def test_a_study_is_saved_where_it_was_told(tmp_path):
     study.close()
 
 
-def test_a_halved_tolerance_that_fails_leaves_the_rest_as_it_is(tmp_path, monkeypatch, capsys):
+def test_a_halved_tolerance_that_fails_leaves_the_rest_as_it_is(tmp_path, monkeypatch):
     def fail(*arguments):
         raise RuntimeError("mass = -1\nTraceback (most recent call last):\n  File\nValueError: mass = -1")
 
@@ -217,24 +232,22 @@ def test_a_halved_tolerance_that_fails_leaves_the_rest_as_it_is(tmp_path, monkey
     study.run()
     paths = study.save()
     study.close()
-    (failed,) = study.getTolerances()["rolling"]
-    numbers = dict.fromkeys(("probability", "lower95", "upper95", "evaluations"))
-    ended = {"converged": False, "note": "RuntimeError: mass = -1"}
-    assert failed == {"tolerance": "rate_y", "scale": 0.5, **numbers, **ended}
+    result = study.getResult()
+    assert result.tightened["rolling"] == (HalvedTolerance("rate_y", 0.5, note="RuntimeError: mass = -1"),)
     page = paths[-1].read_text(encoding="utf-8")
-    assert "half of rate y: <strong>not converged</strong>: RuntimeError: mass = -1" in page
+    assert "half the scatter of rate y: <strong>not converged</strong>: RuntimeError: mass = -1" in page
     assert "the estimate failed" in page
     assert "<strong>rolling</strong>: tighten" not in page
-    _print_study("small", study, study.getVerdicts(), paths)
-    printed = " ".join(capsys.readouterr().out.split())
-    assert "rolling with half the scatter of rate_y: the estimate failed: RuntimeError: mass = -1" in printed
+    assert list(tightened_lines(result)) == [
+        "rolling with half the scatter of rate_y: the estimate failed: RuntimeError: mass = -1"
+    ]
     # It counts as finished.
     monkeypatch.undo()
     again = small()
     again.setDirectory(tmp_path / "results", resume=True)
     again.run()
     again.close()
-    assert again.getTolerances() == study.getTolerances()
+    assert again.getResult().tightened == result.tightened
 
 
 def test_an_interrupt_of_a_halved_tolerance_is_one(monkeypatch):

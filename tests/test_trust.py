@@ -17,7 +17,8 @@ from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.model.case import CaseError, load_case, parse_case
 from satsep_ot.model.inputs import build_distribution
-from satsep_ot.studies.telling.report import ReportError, render_report
+from satsep_ot.studies.telling.document import ReportError
+from satsep_ot.studies.telling.report import render_report
 
 TABLE = "stroke_mm,force_N\n0,2\n10,1\n"
 

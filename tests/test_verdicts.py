@@ -1,18 +1,28 @@
 """The verdict on a requirement: by an interval that is chosen beforehand, and by both where they do not overlap."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from satsep_ot.methods.common.intervals import clopperPearson
-from satsep_ot.studies.telling.verdicts import Verdict, best_row, contradiction, headline, judge, with_bound
+from satsep_ot.studies.telling.results import Estimate, HalvedTolerance
+from satsep_ot.studies.telling.verdicts import (
+    Status,
+    Verdict,
+    best_estimate,
+    compute_gain,
+    contradiction,
+    headline,
+    judge,
+)
+from satsep_ot.studies.telling.words import StudyMethod
 
 
 def row(method, lower, upper, converged=True):
-    return {
-        "method": method, "probability": None if upper is None else 0.5 * (lower + upper), "lower95": lower,
-        "upper95": upper, "converged": converged, "evaluations": 1000,
-    }  # fmt: skip
+    probability = None if upper is None else 0.5 * (lower + upper)
+    return Estimate("spin", StudyMethod(method), probability, lower, upper, evaluations=1000, converged=converged)
 
 
 ACTIVE = row("ActiveSubspace", 1.0e-3, 2.0e-3)
@@ -25,7 +35,7 @@ FORM = row("FORM", None, None)
         # Never by their widths: the narrower of two holds the truth less often than each does.
         ([row("MonteCarlo", 1.4e-3, 1.5e-3), FORM, ACTIVE], "ActiveSubspace"),
         ([row("MonteCarlo", 0.0, 5e-3), ACTIVE], "ActiveSubspace"),
-        ([row("MonteCarlo", 0.0, 5e-3), {**ACTIVE, "converged": False}], "MonteCarlo"),
+        ([row("MonteCarlo", 0.0, 5e-3), replace(ACTIVE, converged=False)], "MonteCarlo"),
         ([row("MonteCarlo", 0.0, 5e-3), row("ActiveSubspace", None, None)], "MonteCarlo"),
         ([ACTIVE, FORM], "ActiveSubspace"),
         # SubsetSampling's interval, by its own account, is not one to judge by.
@@ -35,8 +45,8 @@ FORM = row("FORM", None, None)
 )
 def test_which_row_decides_is_settled_beforehand(rows, method):
     for order in (rows, rows[::-1]):
-        best = best_row(iter(order))
-        assert (best and best["method"]) == method
+        best = best_estimate(iter(order))
+        assert (best and best.method) == method
 
 
 @pytest.mark.parametrize(
@@ -59,18 +69,18 @@ def test_two_intervals_that_do_not_overlap_decide_together(allowed, status, turn
     other = row("MonteCarlo", 3e-3, 4e-3)
     rows = [other, ACTIVE]
     if turned:
-        rows = [{**ACTIVE, "method": "MonteCarlo"}, {**other, "method": "ActiveSubspace"}]
+        rows = [replace(ACTIVE, method=StudyMethod.MONTE_CARLO), replace(other, method=StudyMethod.ACTIVE_SUBSPACE)]
     verdict = judge("spin", rows, allowed)
     assert verdict.status == status
     assert verdict.sentence.startswith("The intervals of ActiveSubspace (")
     assert "do not overlap; taken together they reach from 1e-3 to 4e-3" in verdict.sentence
-    assert verdict.row["method"] == "ActiveSubspace"
+    assert verdict.row.method == "ActiveSubspace"
     assert "do not overlap" in judge("spin", rows).sentence
 
 
 def test_an_estimate_that_did_not_converge_contradicts_nobody():
-    assert contradiction([{**ACTIVE, "converged": False}, row("MonteCarlo", 3e-3, 4e-3)]) == ""
-    assert judge("spin", [{**ACTIVE, "converged": False}, row("MonteCarlo", 3e-3, 4e-3)], 4e-3).status == "met"
+    assert contradiction([replace(ACTIVE, converged=False), row("MonteCarlo", 3e-3, 4e-3)]) == ""
+    assert judge("spin", [replace(ACTIVE, converged=False), row("MonteCarlo", 3e-3, 4e-3)], 4e-3).status == "met"
     assert judge("spin", [FORM], 4e-3).status == "no estimate"
 
 
@@ -90,7 +100,7 @@ def test_the_interval_of_monte_carlo_holds_the_truth_as_often_as_the_report_says
 @pytest.mark.parametrize(
     ("rows", "sentence"),
     [
-        ([], "Only ActiveSubspace or MonteCarlo can decide, and none of them was run: nothing can be said. Run "
+        ([], "Only ActiveSubspace or MonteCarlo can decide, and neither was run: nothing can be said. Run "
              "ActiveSubspace or MonteCarlo."),
         (
             [FORM, row("ActiveSubspace", 0.0, 3.53e-3, converged=False)],
@@ -103,34 +113,53 @@ def test_the_interval_of_monte_carlo_holds_the_truth_as_often_as_the_report_says
     ],
 )  # fmt: skip
 def test_why_nothing_can_be_said(rows, sentence):
-    assert judge("spin", rows, 1e-3) == ("spin", "no estimate", sentence, None)
+    assert judge("spin", rows, 1e-3) == Verdict("spin", Status.UNKNOWN, sentence, None)
 
 
 def test_headlines_of_none_one_and_all():
     assert headline([]) == "The case has no requirements."
-    met = Verdict("spin", "met", "", None)
+    met = Verdict("spin", Status.MET, "", None)
     assert headline([met]) == "The requirement is met with 95 % confidence."
     assert headline([met, met]) == "Every requirement is met with 95 % confidence."
 
 
-UNSEEN = (
-    "the target was reached; a failure region of probability below 3.6e-02 that no run has pointed at is not excluded"
-)
-
-
 def test_what_a_surrogate_may_have_missed_is_bounded_where_it_is_called_met():
-    crude = {**row("MonteCarlo", 5e-4, 4e-3), "evaluations": 20_000}
-    assert "within the allowed 5e-3. 20,000 Monte Carlo runs" in judge("spin", [ACTIVE, crude], 5e-3).sentence
-    assert judge("spin", [ACTIVE, crude], 5e-3).sentence.endswith("which need no surrogate, bound it by 4e-3.")
-    assert judge("spin", [ACTIVE, crude], 3e-3).sentence.endswith(
-        "bound it by 4e-3 only; more of them would show that none was missed."
+    crude = replace(row("MonteCarlo", 5e-4, 4e-3), evaluations=20_000)
+    sentence = judge("spin", [ACTIVE, crude], 5e-3).sentence
+    assert (
+        "within the allowed 5e-3. The 20,000 runs of MonteCarlo, which needs no surrogate, bound it by 4e-3."
+        in sentence
     )
-    assert judge("spin", [ACTIVE], 3e-3).sentence.endswith("MonteCarlo would bound it.")
+    sentence = judge("spin", [ACTIVE, crude], 3e-3).sentence
+    assert sentence.endswith("bound it by 4e-3 only: more of them can bound it further.")
+    assert judge("spin", [ACTIVE], 3e-3).sentence.endswith("the method MonteCarlo would bound it.")
     # Where it decides by itself, and where nothing is called met, there is nothing to add.
     assert judge("spin", [crude], 5e-3).sentence.endswith("within the allowed 5e-3.")
     assert judge("spin", [ACTIVE, crude], 1.5e-3).sentence.endswith("More runs can decide it.")
-    assert with_bound(UNSEEN, [ACTIVE, crude]).endswith(
-        "by these runs; 20,000 Monte Carlo runs bound the whole probability, any such region included, by 4e-3"
-    )
-    assert with_bound(UNSEEN, [ACTIVE]) == UNSEEN
-    assert with_bound("the target was reached", [ACTIVE, crude]) == "the target was reached"
+
+
+def test_gains_are_told_in_words():
+    def now(probability, spread=1.1):
+        bounds = probability / spread, probability * spread
+        return Estimate("spin", StudyMethod.ACTIVE_SUBSPACE, probability, *bounds, converged=True)
+
+    def then(probability, spread=1.1, converged=True, **changed):
+        half = HalvedTolerance("mass", 0.5, probability, probability / spread, probability * spread, 10, converged)
+        return replace(half, **changed)
+
+    def gain(before, after):
+        return str(compute_gain(before, after))
+
+    assert gain(now(1e-3), then(2.5e-4)) == "4 times less"
+    assert gain(now(1e-3), then(2e-3)) == "2 times more"
+    assert gain(now(1e-3), then(1e-8)) == "more than 100 times less"
+    assert gain(now(1e-3), then(9.5e-4)) == "no difference that these runs show"
+    assert gain(now(1e-3), then(0.0)) == "no violation left in these runs"
+    # Runs that end without an answer must not look like a worse case.
+    assert gain(now(1e-3), then(0.0, upper95=1.09e-3)) == "no violation left in these runs"
+    assert gain(now(1e-3), then(0.0, upper95=1.11e-3)) == "too rare to resolve with these runs"
+    assert gain(now(1e-3), then(9e-4, 2.0, converged=False)) == "too rare to resolve with these runs"
+    assert gain(now(1e-3), then(9e-4, 2.0)) == "no difference that these runs show"
+    assert gain(now(1e-3), then(1.1e-3, 2.0, converged=False)) == "no difference that these runs show"
+    assert gain(None, then(1e-3)) == ""
+    assert gain(now(1e-3), HalvedTolerance("mass", 0.5, note="it failed")) == "the estimate failed"

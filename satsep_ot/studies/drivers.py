@@ -11,105 +11,10 @@ from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.case import SYSTEM, Case
-from satsep_ot.model.inputs import ParameterMap, UncertainInput, interval_digits, joint_distribution
+from satsep_ot.model.inputs import ParameterMap, UncertainInput, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.openturns_adapter import raiseInterrupt
-
-
-def describe_scatter(row: UncertainInput) -> str:
-    """The scatter of an uncertain input in words, with its unit.
-
-    Parameters
-    ----------
-    row : :class:`satsep_ot.model.inputs.UncertainInput`
-
-    Returns
-    -------
-    text : str
-
-    Examples
-    --------
-    >>> from satsep_ot.model.case import load_case
-    >>> from satsep_ot.studies.drivers import describe_scatter
-    >>> describe_scatter(load_case("reference").inputs[0])
-    'sigma 0.5 kg'
-    >>> describe_scatter(load_case("reference").inputs[-1])
-    '0 to 2 ms, uniform'
-    """
-    distribution = row.distribution
-    kind = distribution.getImplementation().getClassName()
-    unit = with_space(row.unit)
-    if kind == "Normal":
-        return f"sigma {distribution.getStandardDeviation()[0]:.3g}{unit}"
-    if kind == "Uniform":
-        low, high = distribution.getParameter()
-        digits = interval_digits(low, high)
-        return f"{low:.{digits}g} to {high:.{digits}g}{unit}, uniform"
-    return f"{distribution}{unit}"
-
-
-def with_space(unit: str) -> str:
-    """A unit as it stands behind a number: nothing for a pure number.
-
-    Examples
-    --------
-    >>> from satsep_ot.studies.drivers import with_space
-    >>> "0.03" + with_space("1"), "5" + with_space("kg")
-    ('0.03', '5 kg')
-    """
-    return "" if unit == "1" else f" {unit}"
-
-
-def describe_scatters(rows: Sequence[UncertainInput]) -> str:
-    """The scatter of all inputs of a tolerance, each different one once.
-
-    Parameters
-    ----------
-    rows : sequence of :class:`satsep_ot.model.inputs.UncertainInput`
-
-    Returns
-    -------
-    text : str
-
-    Examples
-    --------
-    >>> from satsep_ot.model.case import load_case
-    >>> from satsep_ot.studies.drivers import describe_scatters, tolerances
-    >>> describe_scatters(tolerances(load_case("reference"))["stiffness"])
-    'sigma 55 N/m'
-    """
-    texts = dict.fromkeys(map(describe_scatter, rows))
-    if len(texts) > 2 and all(text.startswith("sigma ") for text in texts):
-        deviations = [row.distribution.getStandardDeviation()[0] for row in rows]
-        return f"sigma {min(deviations):.3g} to {max(deviations):.3g}{with_space(rows[0].unit)}"
-    return "; ".join(texts)
-
-
-def describe_inputs(rows: Sequence[UncertainInput]) -> str:
-    """What the inputs of a tolerance are, in words.
-
-    Parameters
-    ----------
-    rows : sequence of :class:`satsep_ot.model.inputs.UncertainInput`
-
-    Returns
-    -------
-    text : str
-
-    Examples
-    --------
-    >>> from satsep_ot.model.case import load_case
-    >>> from satsep_ot.studies.drivers import describe_inputs, tolerances
-    >>> describe_inputs(tolerances(load_case("reference"))["stiffness"])
-    'stiffness of springs 1, 2, 3, 4'
-    """
-    words = list(dict.fromkeys(row.description for row in rows))
-    starts, _, ends = zip(*(text.rpartition(" ") for text in words), strict=True)
-    if len(words) == 1 or len(set(starts)) > 1:
-        return "; ".join(words)
-    # They are such as: stiffness of spring 1.
-    return f"{starts[0]}s {', '.join(ends)}"
 
 
 def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
@@ -181,6 +86,23 @@ def importance_shares(case: Case, result: ActiveSubspaceReliabilityResult) -> di
     by_input = {row.name: one.share for row, one in zip(case.inputs, rows, strict=True)}
     shares = {name: float(sum(by_input[row.name] for row in members)) for name, members in tolerances(case).items()}
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def unseen_bound(result: ActiveSubspaceReliabilityResult) -> float | None:
+    """The probability that a failure region which no run has reached may have, as far as the runs themselves tell.
+
+    Parameters
+    ----------
+    result : :class:`satsep_ot.methods.reliability.result.ActiveSubspaceReliabilityResult`
+
+    Returns
+    -------
+    bound : float or None
+        None where the estimate needs no surrogate, or is so large that such a region does not matter to it.
+    """
+    bound = result.getDiagnostics().get("unseen bound")
+    needed = bound is not None and result.getSurrogateProbability() is not None
+    return bound if needed and result.getProbabilityEstimate() <= bound else None
 
 
 def scaled_distribution(case: Case, tolerance: str, scale: float) -> ot.JointDistribution:

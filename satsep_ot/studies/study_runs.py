@@ -1,5 +1,6 @@
 """The true runs that a study has kept in its directory, loaded again."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -11,10 +12,74 @@ import openturns as ot
 
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.openturns_adapter import fromXML
+from satsep_ot.studies.telling.plain_data import dataclass_from_plain, from_plain
 
 # Runs of the Monte Carlo sample that are drawn from one seed.
 BLOCK = 1024
 SAMPLE = "sample"
+
+
+@dataclasses.dataclass(frozen=True)
+class SampleLimit:
+    """A requirement as the sample sees it: the column of its quantity, and the limit."""
+
+    column: int
+    is_maximum: bool
+    limit: float
+
+    def violated(self, outputs: np.ndarray) -> np.ndarray:
+        """Whether each of the outputs (n, q) violates it, shape (n,)."""
+        values = outputs[:, self.column]
+        return values > self.limit if self.is_maximum else values < self.limit
+
+
+@dataclasses.dataclass(frozen=True)
+class SampleSummary:
+    """What the Monte Carlo sample of a study gave, and what its inputs can be drawn again from.
+
+    Attributes
+    ----------
+    seconds : float
+        That the runs took.
+    size, seed : int
+        Number of runs; seed of the first block.
+    first_block : str
+        Digest of the inputs of the first block.
+    distribution : str
+        Of the inputs, as XML.
+    mean, deviation : tuple of float
+        Of each output.
+    violations : dict of str to int
+        Runs that violate each requirement, and any of them.
+    limits : dict of str to SampleLimit
+        By requirement.
+    inputs, outputs : tuple of str
+        Their names with units.
+    """
+
+    seconds: float
+    size: int
+    seed: int
+    first_block: str
+    distribution: str
+    mean: tuple[float, ...]
+    deviation: tuple[float, ...]
+    violations: dict[str, int]
+    limits: dict[str, SampleLimit]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    @staticmethod
+    def from_plain(data: dict[str, Any]) -> "SampleSummary":
+        """From what stands in steps/sample.json, also as version 0.1.0 wrote it."""
+        if "first block" in data:
+            columns = {label.rpartition(" [")[0]: column for column, label in enumerate(data["outputs"])}
+            limits = {
+                name: {"column": columns[quantity], "is_maximum": is_maximum, "limit": limit}
+                for name, (quantity, is_maximum, limit) in data["limits"].items()
+            }
+            data = {**data, "first_block": data["first block"], "limits": limits}
+        return dataclass_from_plain(SampleSummary, data)
 
 
 def list_runs(directory: str | os.PathLike) -> list[str]:
@@ -97,27 +162,22 @@ def load_runs(directory: str | os.PathLike, name: str, size: int | None = None) 
 def _load_sample(directory, size):
     path = directory / "steps" / f"{SAMPLE}.json"
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))["result"]
-        distribution = fromXML(summary["distribution"], ot.Distribution())
+        summary = from_plain(SampleSummary, json.loads(path.read_text(encoding="utf-8"))["result"])
+        distribution = fromXML(summary.distribution, ot.Distribution())
         outputs = np.load(directory / "runs" / f"{SAMPLE}.npy", mmap_mode="r", allow_pickle=False)
-        names, total, seed = summary["outputs"], summary["size"], summary["seed"]
-        known = inputs_digest(sample_inputs(distribution, seed, total, BLOCK)) == summary["first block"]
+        first = sample_inputs(distribution, summary.seed, summary.size, BLOCK)
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path} cannot be read: {error}") from error
-    if not known:
+    if inputs_digest(first) != summary.first_block:
         raise ValueError(
             f"the inputs of the sample of {directory} cannot be drawn again here: another version of OpenTURNS, or "
             "another machine, rounds otherwise; the outputs are in runs/sample.npy"
         )
-    size = total if size is None else min(size, total)
+    size = summary.size if size is None else min(size, summary.size)
     outputs = np.array(outputs[:size])
-    violated = np.zeros(size, dtype=bool)
-    quantities = [name.split(" [")[0] for name in names]
-    for quantity, is_maximum, limit in summary["limits"].values():
-        values = outputs[:, quantities.index(quantity)]
-        violated |= values > limit if is_maximum else values < limit
-    inputs = sample_inputs(distribution, seed, total, size)
-    return TrueRuns.ofSample(inputs, outputs, violated, summary["inputs"], names)
+    violated = np.any([limit.violated(outputs) for limit in summary.limits.values()], axis=0)
+    inputs = sample_inputs(distribution, summary.seed, summary.size, size)
+    return TrueRuns.ofSample(inputs, outputs, violated, summary.inputs, summary.outputs)
 
 
 def _first(runs, size):

@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from satsep_ot.dynamics.separation import Separation
-from satsep_ot.studies.telling.figures import compute_motion
+from satsep_ot.studies.telling.motion import compute_motion
 
 _FRAMES = 48  # of the push, and as many of the flight after it
 

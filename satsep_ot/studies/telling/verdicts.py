@@ -1,214 +1,182 @@
-"""Whether a requirement is met, in words, from a probability with its interval and the allowed probability."""
+"""Whether a requirement is met, from a probability with its interval and the allowed probability."""
 
+import dataclasses
+import enum
 from collections.abc import Iterable, Sequence
-from typing import NamedTuple
 
-MET, NOT_MET, UNDECIDED, NO_ALLOWANCE, UNKNOWN = "met", "not met", "undecided", "no allowed probability", "no estimate"
-# The methods whose intervals are relied on, the first one before the other.
-_DECIDING = ("ActiveSubspace", "MonteCarlo")
-TOO_RARE = "too rare to resolve with these runs"
-NO_ESTIMATE = "the estimate failed"
+from satsep_ot.studies.telling.results import Estimate, HalvedTolerance, StudyResult
+from satsep_ot.studies.telling.words import (
+    DECIDING_METHODS,
+    StudyMethod,
+    capitalized,
+    in_words,
+    interval_text,
+    probability_text,
+)
 
 
-class Verdict(NamedTuple):
+class Status(enum.StrEnum):
+    """What is known of a requirement; the value is what people read."""
+
+    MET = "met"
+    NOT_MET = "not met"
+    UNDECIDED = "undecided"
+    NO_ALLOWANCE = "no allowed probability"
+    UNKNOWN = "no estimate"
+
+
+_HEADLINES = {
+    Status.NOT_MET: "Not met: {}.",
+    Status.UNDECIDED: "Undecided with these runs: {}.",
+    Status.UNKNOWN: "Without an estimate: {}.",
+    Status.MET: "Met with 95 % confidence: {}.",
+    Status.NO_ALLOWANCE: "Without an allowed probability to compare with: {}.",
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
     """What is known of one requirement.
 
     Attributes
     ----------
-    requirement, status, sentence : str
-        The status is one of "met", "not met", "undecided", "no allowed probability", "no estimate".
-    row : dict or None
-        The row of the table that it rests on.
+    requirement : str
+    status : Status
+    sentence : str
+        Why.
+    row : Estimate or None
+        The estimate that it rests on.
     """
 
     requirement: str
-    status: str
+    status: Status
     sentence: str
-    row: dict | None
+    row: Estimate | None
 
 
-def best_row(rows: Iterable[dict]) -> dict | None:
-    """The row that others are judged by: that of ActiveSubspace if it has converged, else that of MonteCarlo.
+def best_estimate(rows: Iterable[Estimate]) -> Estimate | None:
+    """The estimate that others are judged by: by ActiveSubspace if it has converged, else by MonteCarlo.
 
-    Chosen by name, not by its width: the narrower of two may hold the truth less often than each does.
+    Chosen by the method, not by the width of the interval: the narrower of two may hold the truth less often than each
+    does.
 
     Parameters
     ----------
-    rows : sequence of dict
+    rows : sequence of Estimate
         Of one requirement.
 
     Returns
     -------
-    row : dict or None
+    row : Estimate or None
         None where none of them has converged to a probability with an interval.
 
     Examples
     --------
-    >>> from satsep_ot.studies.telling.verdicts import best_row
-    >>> row = {"method": "MonteCarlo", "probability": 0.0, "lower95": 0.0, "upper95": 3e-5, "converged": True}
-    >>> best_row([row])["upper95"]
+    >>> from satsep_ot.studies.telling.results import Estimate
+    >>> from satsep_ot.studies.telling.verdicts import best_estimate
+    >>> from satsep_ot.studies.telling.words import StudyMethod
+    >>> row = Estimate("spin", StudyMethod.MONTE_CARLO, 0.0, 0.0, 3e-5, converged=True)
+    >>> best_estimate([row]).upper95
     3e-05
     """
-    return next(iter(_rows_with_interval(rows)), None)
+    return next(iter(_deciding_rows(rows)), None)
 
 
-def contradiction(rows: Iterable[dict]) -> str:
-    """A sentence where the intervals of ActiveSubspace and MonteCarlo have no probability in common.
+def estimate_by(method: StudyMethod, rows: Iterable[Estimate]) -> Estimate | None:
+    """The estimate by a method, None where it was not run."""
+    return next((row for row in rows if row.method == method), None)
+
+
+def contradiction(rows: Iterable[Estimate]) -> str:
+    """A clause where the intervals of ActiveSubspace and MonteCarlo have no probability in common.
 
     Chance does that at most 1 time in 20 (1 in 180 where both are as wide); else one of them has missed failures.
 
     Parameters
     ----------
-    rows : sequence of dict
+    rows : sequence of Estimate
         Of one requirement.
 
     Returns
     -------
-    sentence : str
+    clause : str
         Empty where they overlap or one of them is missing.
 
     Examples
     --------
+    >>> from satsep_ot.studies.telling.results import Estimate
     >>> from satsep_ot.studies.telling.verdicts import contradiction
-    >>> row = {"method": "MonteCarlo", "lower95": 2e-3, "upper95": 3e-3, "converged": True}
-    >>> other = {"method": "ActiveSubspace", "lower95": 1.2e-3, "upper95": 1.4e-3, "converged": True}
+    >>> from satsep_ot.studies.telling.words import StudyMethod
+    >>> row = Estimate("spin", StudyMethod.MONTE_CARLO, 2.5e-3, 2e-3, 3e-3, converged=True)
+    >>> other = Estimate("spin", StudyMethod.ACTIVE_SUBSPACE, 1.3e-3, 1.2e-3, 1.4e-3, converged=True)
     >>> contradiction([row, other])
     'the intervals of ActiveSubspace (1.2e-3 to 1.4e-3) and MonteCarlo (2e-3 to 3e-3) do not overlap'
     """
-    found = _rows_with_interval(rows)
-    if len(found) < 2 or max(row["lower95"] for row in found) <= min(row["upper95"] for row in found):
+    found = _deciding_rows(rows)
+    if len(found) < 2 or max(row.lower95 for row in found) <= min(row.upper95 for row in found):
         return ""
-    texts = [f"{row['method']} ({digits(row['lower95'])} to {digits(row['upper95'])})" for row in found]
+    texts = [f"{row.method} ({interval_text(row.lower95, row.upper95)})" for row in found]
     return f"the intervals of {' and '.join(texts)} do not overlap"
 
 
-def with_bound(note: str, rows: Iterable[dict]) -> str:
-    """A remark on what a surrogate may have missed, with what Monte Carlo, which has none, says of it.
+def _deciding_rows(rows):
+    """The estimates that a verdict may rest on, the best one first."""
+    found = {row.method: row for row in rows if row.upper95 is not None and row.converged}
+    return [found[method] for method in DECIDING_METHODS if method in found]
+
+
+def judge(requirement: str, rows: Sequence[Estimate], allowed: float | None = None) -> Verdict:
+    """The verdict on one requirement.
 
     Parameters
     ----------
-    note : str
-        Why ActiveSubspace ended.
-    rows : sequence of dict
-        Of the same requirement.
+    requirement : str
+    rows : sequence of Estimate
+        Of this requirement.
+    allowed : float, optional
+        Largest accepted probability of violation.
 
     Returns
     -------
-    note : str
-        Unchanged where nothing may have been missed or there is no interval of MonteCarlo.
+    verdict : Verdict
+        "met" only where the whole 95 % interval of `best_estimate` is at most the allowed probability, "not met" only
+        where all of it is above. Where the intervals of ActiveSubspace and MonteCarlo do not overlap, both must be.
 
     Examples
     --------
-    >>> from satsep_ot.studies.telling.verdicts import with_bound
-    >>> row = {"method": "MonteCarlo", "lower95": 0.0, "upper95": 1.5e-4, "converged": True, "evaluations": 20000}
-    >>> note = "a failure region of probability below 3.6e-02 that no run has pointed at is not excluded"
-    >>> print(with_bound(note, [row]).removeprefix(note))
-     by these runs; 20,000 Monte Carlo runs bound the whole probability, any such region included, by 1.5e-4
+    >>> from satsep_ot.studies.telling.results import Estimate
+    >>> from satsep_ot.studies.telling.verdicts import judge
+    >>> from satsep_ot.studies.telling.words import StudyMethod
+    >>> row = Estimate("spin", StudyMethod.MONTE_CARLO, 2e-4, 1e-4, 4e-4, converged=True)
+    >>> print(judge("spin", [row], 1e-3).status, "and", judge("spin", [row], 3e-4).status)
+    met and undecided
     """
-    crude = _monte_carlo_row(rows)
-    if crude is None or not note.endswith("no run has pointed at is not excluded"):
-        return note
-    return (
-        f"{note} by these runs; {crude['evaluations']:,} Monte Carlo runs bound the whole probability, any such region "
-        f"included, by {digits(crude['upper95'])}"
-    )
+    found = _deciding_rows(rows)
+    if not found:
+        return Verdict(requirement, Status.UNKNOWN, _why_unknown(rows), None)
+    row, doubt = found[0], contradiction(rows)
+    lower, upper = row.lower95, row.upper95
+    known = f"{in_words(row.probability)}; with 95 % confidence between {_and(lower, upper)}"
+    if doubt:
+        lower, upper = min(one.lower95 for one in found), max(one.upper95 for one in found)
+        known = f"{doubt}; taken together they reach from {interval_text(lower, upper)}"
+    known = capitalized(known)
+    if allowed is None:
+        sentence = f"{known}. The case file names no allowed probability."
+        return Verdict(requirement, Status.NO_ALLOWANCE, sentence, row)
+    limit = probability_text(allowed)
+    if upper <= allowed:
+        missed = "" if doubt else _what_may_be_missed(row, rows, allowed)
+        return Verdict(requirement, Status.MET, f"{known}: all of it within the allowed {limit}.{missed}", row)
+    if lower > allowed:
+        return Verdict(requirement, Status.NOT_MET, f"{known}: all of it above the allowed {limit}.", row)
+    sentence = f"{known}: the allowed {limit} lies in between. More runs can decide it."
+    return Verdict(requirement, Status.UNDECIDED, sentence, row)
 
 
-def _monte_carlo_row(rows):
-    return next((row for row in _rows_with_interval(rows) if row["method"] == "MonteCarlo"), None)
-
-
-def _missed(row, rows, allowed):
-    """A sentence on failures that a surrogate may have missed where a requirement is said to be met."""
-    if row["method"] == "MonteCarlo":
-        return ""
-    crude = _monte_carlo_row(rows)
-    if crude is None:
-        return " A failure region that none of its runs has pointed at is in neither number: MonteCarlo would bound it."
-    upper = digits(crude["upper95"])
-    text = f" {crude['evaluations']:,} Monte Carlo runs, which need no surrogate, bound it by {upper}"
-    return f"{text}." if crude["upper95"] <= allowed else f"{text} only; more of them would show that none was missed."
-
-
-def _why_unknown(rows):
-    """What kept a requirement from an interval that can be relied on."""
-    found = {row["method"]: row for row in rows if row["method"] in _DECIDING}
-    texts = [
-        f"{method} gave no probability"
-        if row["upper95"] is None
-        else f"{method} did not converge ({digits(row['lower95'])} to {digits(row['upper95'])})"
-        for method, row in found.items()
-    ]
-    why = " and ".join(texts) or f"Only {' or '.join(_DECIDING)} can decide, and none of them was run"
-    advice = " or ".join(method for method in _DECIDING if method not in found)
-    return f"{why}: nothing can be said." + (f" Run {advice}." if advice else "")
-
-
-def _rows_with_interval(rows):
-    """The rows that may be judged by, the best one first."""
-    found = {row["method"]: row for row in rows if row["upper95"] is not None and row["converged"]}
-    return [found[method] for method in _DECIDING if method in found]
-
-
-def is_resolved(now: dict | None, then: dict) -> bool:
-    """Whether the estimate of a changed case says something of it.
-
-    Parameters
-    ----------
-    now : dict or None
-        The row that the requirement is judged by.
-    then : dict
-        A row of the changed case, with a probability.
-
-    Returns
-    -------
-    resolved : bool
-        False where its runs saw no violation, or did not converge to fewer violations, and their interval reaches
-        further up than that of the case as it is: the lack of runs, not the change, has made it so wide.
-
-    Examples
-    --------
-    >>> from satsep_ot.studies.telling.verdicts import is_resolved
-    >>> now = {"probability": 5e-6, "lower95": 4e-6, "upper95": 6e-6, "converged": True}
-    >>> is_resolved(now, {"probability": 0.0, "lower95": 0.0, "upper95": 4e-3, "converged": False})
-    False
-    """
-    if now is None or then["upper95"] <= now["upper95"]:
-        return True
-    return then["probability"] > 0.0 and (then["converged"] or then["probability"] >= now["probability"])
-
-
-def digits(probability: float) -> str:
-    """A probability in three digits.
-
-    Examples
-    --------
-    >>> from satsep_ot.studies.telling.verdicts import digits
-    >>> digits(2.654e-4), digits(0.005), digits(0.0123), digits(0.0), digits(None)
-    ('2.65e-4', '5e-3', '0.0123', '0', 'none')
-    """
-    if probability is None:
-        return "none"
-    if probability >= 0.01 or probability <= 0.0:
-        return f"{probability:.3g}"
-    mantissa, exponent = f"{probability:.2e}".split("e")
-    return f"{float(mantissa):g}e{int(exponent)}"
-
-
-def in_words(probability: float) -> str:
-    """A probability as a number of separations.
-
-    Examples
-    --------
-    >>> from satsep_ot.studies.telling.verdicts import in_words
-    >>> in_words(2.654e-4), in_words(0.3), in_words(0.0)
-    ('about 1 separation in 3,800', '30 % of the separations', 'no separation of those tried')
-    """
-    if probability <= 0.0:
-        return "no separation of those tried"
-    if probability > 0.1:
-        return f"{100.0 * probability:.3g} % of the separations"
-    return f"about 1 separation in {float(f'{1.0 / probability:.2g}'):,.0f}"
+def judge_all(result: StudyResult) -> list[Verdict]:
+    """The verdict on each requirement of a study, in the order of the case file."""
+    return [judge(entry.name, result.rows_of(entry.name), entry.allowed_probability) for entry in result.requirements]
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
@@ -224,8 +192,8 @@ def headline(verdicts: Sequence[Verdict]) -> str:
 
     Examples
     --------
-    >>> from satsep_ot.studies.telling.verdicts import Verdict, headline
-    >>> headline([Verdict("spin", "met", "", None), Verdict("clearance", "not met", "", None)])
+    >>> from satsep_ot.studies.telling.verdicts import Status, Verdict, headline
+    >>> headline([Verdict("spin", Status.MET, "", None), Verdict("clearance", Status.NOT_MET, "", None)])
     'Not met: clearance. Met with 95 % confidence: spin.'
     """
     if not verdicts:
@@ -233,60 +201,117 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     groups = {}
     for verdict in verdicts:
         groups.setdefault(verdict.status, []).append(verdict.requirement)
-    if list(groups) == [MET]:
+    if list(groups) == [Status.MET]:
         return f"{'Every' if len(verdicts) > 1 else 'The'} requirement is met with 95 % confidence."
-    texts = {
-        NOT_MET: "Not met: {}.",
-        UNDECIDED: "Undecided with these runs: {}.",
-        UNKNOWN: "Without an estimate: {}.",
-        MET: "Met with 95 % confidence: {}.",
-        NO_ALLOWANCE: "Without an allowed probability to compare with: {}.",
-    }
-    return " ".join(text.format(", ".join(groups[status])) for status, text in texts.items() if status in groups)
+    return " ".join(text.format(", ".join(groups[status])) for status, text in _HEADLINES.items() if status in groups)
 
 
-def judge(requirement: str, rows: Sequence[dict], allowed: float | None = None) -> Verdict:
-    """The verdict on one requirement.
+def _and(lower, upper):
+    return f"{probability_text(lower)} and {probability_text(upper)}"
+
+
+def _what_may_be_missed(row, rows, allowed):
+    """A sentence on failures that a surrogate may have missed where a requirement is said to be met."""
+    if row.method == StudyMethod.MONTE_CARLO:
+        return ""
+    crude = estimate_by(StudyMethod.MONTE_CARLO, _deciding_rows(rows))
+    if crude is None:
+        return " A failure region that no run has reached is not excluded: the method MonteCarlo would bound it."
+    text = f" The {crude.evaluations:,} runs of MonteCarlo, which needs no surrogate, bound it by"
+    upper = probability_text(crude.upper95)
+    return f"{text} {upper}{'' if crude.upper95 <= allowed else ' only: more of them can bound it further'}."
+
+
+def _why_unknown(rows):
+    """What kept a requirement from an interval that a verdict may rest on."""
+    found = [row for row in rows if row.method in DECIDING_METHODS]
+    texts = [
+        f"{row.method} gave no probability"
+        if row.upper95 is None
+        else f"{row.method} did not converge ({interval_text(row.lower95, row.upper95)})"
+        for row in found
+    ]
+    why = " and ".join(texts) or f"Only {' or '.join(DECIDING_METHODS)} can decide, and neither was run"
+    advice = " or ".join(method for method in DECIDING_METHODS if estimate_by(method, rows) is None)
+    return f"{why}: nothing can be said." + (f" Run {advice}." if advice else "")
+
+
+class Effect(enum.Enum):
+    """What tightening a tolerance does to a probability, as far as the runs tell; the value is said in a table."""
+
+    UNKNOWN = ""
+    NO_ESTIMATE = "the estimate failed"
+    TOO_RARE = "too rare to resolve with these runs"
+    NONE_LEFT = "no violation left in these runs"
+    NO_DIFFERENCE = "no difference that these runs show"
+    LESS = "times less"
+    MORE = "times more"
+
+
+@dataclasses.dataclass(frozen=True)
+class Gain:
+    """What halving a tolerance does to the probability of a violation.
+
+    Attributes
+    ----------
+    effect : Effect
+    factor : float
+        The larger probability over the smaller one, where the effect is LESS or MORE.
+    """
+
+    effect: Effect
+    factor: float = 1.0
+
+    @property
+    def is_resolved(self) -> bool:
+        """Whether the estimate of the changed case is worth showing."""
+        return self.effect not in (Effect.NO_ESTIMATE, Effect.TOO_RARE)
+
+    def __str__(self) -> str:
+        if self.effect not in (Effect.LESS, Effect.MORE):
+            return self.effect.value
+        return f"{self.factor:.2g} {self.effect.value}" if self.factor < 100.0 else f"more than 100 {self.effect.value}"
+
+
+def compute_gain(now: Estimate | None, then: HalvedTolerance) -> Gain:
+    """How much less probable a violation becomes.
 
     Parameters
     ----------
-    requirement : str
-    rows : sequence of dict
-        Of this requirement, as in results.json.
-    allowed : float, optional
-        Largest accepted probability of violation.
+    now : Estimate or None
+        The estimate that the requirement is judged by.
+    then : HalvedTolerance
+        The estimate of the changed case.
 
     Returns
     -------
-    verdict : Verdict
-        "met" only where the whole 95 % interval of `best_row` is at most the allowed probability, "not met" only where
-        all of it is above. Where the intervals of ActiveSubspace and MonteCarlo do not overlap, both must be.
+    gain : Gain
+        Not resolved where the runs of the changed case saw no violation, or did not converge to fewer violations, and
+        their interval reaches further up than the present one: the lack of runs, not the change, has made it so wide.
 
     Examples
     --------
-    >>> from satsep_ot.studies.telling.verdicts import judge
-    >>> row = {"method": "MonteCarlo", "probability": 2e-4, "lower95": 1e-4, "upper95": 4e-4, "converged": True}
-    >>> judge("spin", [row], 1e-3).status, judge("spin", [row], 3e-4).status
-    ('met', 'undecided')
+    >>> from satsep_ot.studies.telling.results import Estimate, HalvedTolerance
+    >>> from satsep_ot.studies.telling.verdicts import compute_gain
+    >>> from satsep_ot.studies.telling.words import StudyMethod
+    >>> now = Estimate("spin", StudyMethod.ACTIVE_SUBSPACE, 5e-6, 4e-6, 6e-6, converged=True)
+    >>> print(compute_gain(now, HalvedTolerance("mass", 0.5, 1e-6, 0.9e-6, 1.1e-6, converged=True)))
+    5 times less
+    >>> print(compute_gain(now, HalvedTolerance("mass", 0.5, 0.0, 0.0, 4e-3)))
+    too rare to resolve with these runs
     """
-    row = best_row(rows)
-    if row is None:
-        return Verdict(requirement, UNKNOWN, _why_unknown(rows), None)
-    lower, upper = row["lower95"], row["upper95"]
-    known = f"{in_words(row['probability'])}; with 95 % confidence between {digits(lower)} and {digits(upper)}"
-    known = known[0].upper() + known[1:]
-    doubt = contradiction(rows)
-    if doubt:
-        found = _rows_with_interval(rows)
-        lower, upper = min(one["lower95"] for one in found), max(one["upper95"] for one in found)
-        known = f"{doubt[0].upper()}{doubt[1:]}; taken together they reach from {digits(lower)} to {digits(upper)}"
-    if allowed is None:
-        return Verdict(requirement, NO_ALLOWANCE, f"{known}. The case file names no allowed probability.", row)
-    if upper <= allowed:
-        missed = "" if doubt else _missed(row, rows, allowed)
-        return Verdict(requirement, MET, f"{known}: all of it within the allowed {digits(allowed)}.{missed}", row)
-    if lower > allowed:
-        return Verdict(requirement, NOT_MET, f"{known}: all of it above the allowed {digits(allowed)}.", row)
-    return Verdict(
-        requirement, UNDECIDED, f"{known}: the allowed {digits(allowed)} lies within. More runs can decide it.", row
-    )
+    if then.probability is None:
+        return Gain(Effect.NO_ESTIMATE)
+    if now is None:
+        return Gain(Effect.UNKNOWN)
+    fewer = then.probability == 0.0 or (not then.converged and then.probability < now.probability)
+    if fewer and then.upper95 > now.upper95:
+        return Gain(Effect.TOO_RARE)
+    if not now.probability:
+        return Gain(Effect.UNKNOWN)
+    if then.probability <= 0.0:
+        return Gain(Effect.NONE_LEFT)
+    if then.upper95 >= now.lower95 and then.lower95 <= now.upper95:
+        return Gain(Effect.NO_DIFFERENCE)
+    ratio = now.probability / then.probability
+    return Gain(Effect.LESS, ratio) if ratio > 1.0 else Gain(Effect.MORE, 1.0 / ratio)

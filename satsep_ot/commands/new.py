@@ -1,0 +1,44 @@
+"""`satsep-ot new`."""
+
+import argparse
+import os
+from pathlib import Path
+
+from satsep_ot.commands.printing import fail
+
+NAME = "new"
+SUMMARY = "write an annotated case file to start from"
+EXAMPLES = "  satsep-ot new mine.toml\n  satsep-ot new mine.toml --like cubesat"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Its arguments."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="the file to write; an existing one is not overwritten")
+    parser.add_argument(
+        "--like", default="reference", metavar="NAME",
+        help="the case of the package to start from (default: reference, which explains every key)",
+    )  # fmt: skip
+
+
+def run(options: argparse.Namespace) -> int | None:
+    """Write the file."""
+    from satsep_ot.model.case import new_case_text, shipped_cases
+    from satsep_ot.model.inputs import did_you_mean
+
+    known = shipped_cases()
+    if options.like not in known:
+        hint = did_you_mean(options.like, known)
+        return fail(f"{options.like} is no case of the package; there are {', '.join(known)}{hint}", 2)
+    try:
+        # "x" leaves no moment in which a file that appears meanwhile could be lost.
+        with options.file.open("x", encoding="utf-8") as stream:
+            stream.write(new_case_text(options.like, options.file.stem))
+    except FileExistsError:
+        return fail(f"{options.file} exists already and is not overwritten; give another name", 2)
+    print(f"{options.file} written: edit it, then run\n  satsep-ot check {options.file}")
+    return None
+
+
+def left_behind(options: argparse.Namespace) -> str:
+    """What an interrupted command leaves."""
+    return f"{options.file} is {'there' if os.path.exists(options.file) else 'not written'}"

@@ -1,0 +1,132 @@
+"""The axes of all figures: sizes, colours, labels, panels side by side, and the file that a figure is written to."""
+
+import math
+import os
+from typing import BinaryIO
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+FONT_SIZE = 11
+DOTS_PER_INCH = 150
+PANEL_SIZE = (5.2, 3.9)  # inches
+BLACK, GREY, BLUE, ORANGE = "#000000", "#b5b5b5", "#1f5f9f", "#c85a00"
+STYLES = ("-", "--", "-.", ":")
+COLOURS = (BLACK, BLUE, ORANGE, "#5a5a5a")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
+
+
+def make_axes(ax: Axes | None = None, size: tuple[float, float] = PANEL_SIZE) -> Axes:
+    """The axes given, or those of a new figure.
+
+    Parameters
+    ----------
+    ax : :class:`matplotlib.axes.Axes`, optional
+    size : (width, height)
+        Of the new figure [inches].
+
+    Returns
+    -------
+    ax : :class:`matplotlib.axes.Axes`
+    """
+    return Figure(figsize=size, layout="constrained").add_subplot() if ax is None else ax
+
+
+def label_axes(ax: Axes, horizontal: str, vertical: str, title: str = "") -> Axes:
+    """Labels, ticks, grid and title in readable sizes; `matplotlib.rcParams` stay as they are.
+
+    Parameters
+    ----------
+    ax : :class:`matplotlib.axes.Axes`
+    horizontal, vertical : str
+        Quantity and unit of each axis.
+    title : str
+
+    Returns
+    -------
+    ax : :class:`matplotlib.axes.Axes`
+        The same.
+    """
+    ax.set_xlabel(horizontal, fontsize=FONT_SIZE)
+    ax.set_ylabel(vertical, fontsize=FONT_SIZE)
+    if title:
+        ax.set_title(title, fontsize=FONT_SIZE + 1)
+    ax.tick_params(which="both", labelsize=FONT_SIZE)
+    ax.grid(True, color="0.88", linewidth=0.8)
+    ax.set_axisbelow(True)
+    return ax
+
+
+def quantity_label(name: str, unit: str) -> str:
+    """Name and unit of a quantity, as an axis shows them.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.figures import quantity_label
+    >>> quantity_label("axial_velocity", "m/s")
+    'axial velocity [m/s]'
+    """
+    name = name.replace("_", " ")
+    return f"{name} [{unit}]" if unit else name
+
+
+def grouped_unit(unit: str) -> str:
+    """A unit that a power or a quotient can be taken of: a compound one in brackets.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.figures.axes import grouped_unit
+    >>> grouped_unit("deg/s"), grouped_unit("mm")
+    ('(deg/s)', 'mm')
+    """
+    return f"({unit})" if "/" in unit else unit
+
+
+def make_panels(
+    count: int, columns: int | None = None, size: tuple[float, float] = PANEL_SIZE
+) -> tuple[Figure, list[Axes]]:
+    """A figure with several panels.
+
+    Parameters
+    ----------
+    count : int
+        Number of panels, at least 1.
+    columns : int, optional
+        Panels side by side; by default at most 3.
+    size : (width, height)
+        Of one panel [inches].
+
+    Returns
+    -------
+    figure : :class:`matplotlib.figure.Figure`
+    axes : list of :class:`matplotlib.axes.Axes`
+        Row by row; no empty panel is left.
+
+    Raises
+    ------
+    ValueError
+        If there is no panel to draw.
+    """
+    if count < 1:
+        raise ValueError(f"there are {count} panels to draw; a figure needs at least 1")
+    columns = columns or (count if count < 4 else 2 if count == 4 else 3)
+    rows = math.ceil(count / columns)
+    figure = Figure(figsize=(size[0] * columns, size[1] * rows), layout="constrained")
+    return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+
+
+def save_figure(figure: Figure, path: str | os.PathLike | BinaryIO, form: str | None = None) -> None:
+    """Write a figure.
+
+    Parameters
+    ----------
+    figure : :class:`matplotlib.figure.Figure`
+    path : str, path or binary stream
+    form : str, optional
+        "png", "svg" or "pdf"; by default what the path ends on.
+    """
+    # Names inside an SVG follow from its content, and nothing in it from the day: the same study, the same file.
+    with matplotlib.rc_context({"svg.hashsalt": "satsep-ot"}):
+        metadata = {"Date": None} if form == "svg" or str(path).endswith(".svg") else None
+        figure.savefig(path, dpi=DOTS_PER_INCH, metadata=metadata, format=form)

@@ -1,0 +1,170 @@
+"""The figures of a report: which there are, from what a study found and from its runs."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import cast
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from satsep_ot.dynamics.separation import Separation
+from satsep_ot.studies.telling import figures
+from satsep_ot.studies.telling.advice import Advice, tightening_advice
+from satsep_ot.studies.telling.figures import ProbabilityBar
+from satsep_ot.studies.telling.motion import compute_motion
+from satsep_ot.studies.telling.results import Component, DriverMeasure, Estimate, Section, StudyResult
+from satsep_ot.studies.telling.verdicts import best_estimate, judge_all
+
+# A quantity that varies by less than this part of its size has no density to draw.
+_SMALLEST_SPREAD = 1e-9
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyRuns:
+    """What the figures are drawn from, beside the `StudyResult`.
+
+    Attributes
+    ----------
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+        The nominal one.
+    sample : ndarray, shape (n, q), or None
+        Quantities of interest of Monte Carlo runs, in the order of the result's `quantities`.
+    components : dict of str to Component
+    surrogate_sample : dict of str to ndarray, shape (m,)
+        Quantities by the surrogates alone.
+    """
+
+    separation: Separation
+    sample: np.ndarray | None
+    components: dict[str, Component]
+    surrogate_sample: dict[str, np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Panel:
+    """One figure of the report: the section that shows it, what it is of, its text alternative."""
+
+    section: Section
+    name: str
+    text: str
+    figure: Figure
+
+    @staticmethod
+    def of(section: Section, name: str, text: str, ax: Axes) -> "Panel":
+        """The figure that these axes fill."""
+        # It is a figure of its own, and no part of another.
+        return Panel(section, name, text, cast(Figure, ax.figure))
+
+
+def study_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
+    """Every figure of a report, in the order of its sections.
+
+    Parameters
+    ----------
+    result : StudyResult
+    runs : StudyRuns
+
+    Returns
+    -------
+    panels : iterator of Panel
+    """
+    yield from _motion_panels(runs.separation)
+    yield from _answer_panels(result)
+    yield from _driver_panels(result)
+    yield from _tightened_panels(result)
+    if runs.sample is not None:
+        yield from _density_panels(result, runs.sample, runs.surrogate_sample)
+    yield from _component_panels(result, runs.components)
+    for name, rows in result.rows_by_requirement().items():
+        ax = figures.draw_probabilities([_bar(row, row.method) for row in rows], title=name)
+        yield Panel.of(Section.METHODS, name, f"probability of violating {name} by each method", ax)
+
+
+def _motion_panels(separation):
+    motion = compute_motion(separation)
+    for name, draw in (
+        ("velocity", figures.draw_separation_velocity),
+        ("rates", figures.draw_rates),
+        ("strokes", figures.draw_strokes),
+    ):
+        yield Panel.of(Section.SEPARATION, name, f"{name} of the nominal run over time", draw(motion))
+
+
+def _answer_panels(result):
+    for entry, verdict in zip(result.requirements, judge_all(result), strict=True):
+        row = verdict.row
+        if row is not None:
+            ax = figures.draw_answer(row.probability, row.lower95, row.upper95, entry.allowed_probability)
+            yield Panel.of(Section.ANSWER, entry.name, verdict.sentence, ax)
+
+
+def _driver_panels(result):
+    for requirement, shares in result.drivers.items():
+        if shares:
+            measure = result.driver_measures.get(requirement, DriverMeasure.VIOLATIONS)
+            ax = figures.draw_shares(shares, title=requirement, label=f"share in the {measure}")
+            yield Panel.of(Section.DRIVERS, requirement, f"shares of the tolerances in {requirement}", ax)
+
+
+def _tightened_panels(result):
+    for requirement, advice in tightening_advice(result).items():
+        now, halved = best_estimate(result.rows_of(requirement)), [row for row in advice if row.half is not None]
+        if now is not None and halved:
+            bars = [_bar(now, "as it is"), *map(_halved_bar, halved)]
+            ax = figures.draw_probabilities(bars, title=requirement)
+            yield Panel.of(Section.TIGHTENED, requirement, f"{requirement} with halved tolerances", ax)
+
+
+def _density_panels(result, sample, surrogate_sample):
+    """A density for each requirement's quantity, then for the other quantities that vary."""
+    columns = dict(zip(result.quantities, sample.T, strict=True))
+    surrogate = {name: figures.sample_density(values) for name, values in surrogate_sample.items()}
+
+    def panel(label, quantity, **limit):
+        unit = result.quantities[quantity].unit
+        ax = figures.draw_density(columns[quantity], density=surrogate.get(quantity), label=label, unit=unit, **limit)
+        return Panel.of(Section.DENSITIES, label, f"probability density of {label}", ax)
+
+    drawn = set()
+    for entry in result.requirements:
+        best = best_estimate(result.rows_of(entry.name))
+        # A second limit on a quantity has a panel of its own.
+        label = f"{entry.quantity} ({entry.name})" if entry.quantity in drawn else entry.quantity
+        drawn.add(entry.quantity)
+        yield panel(
+            label,
+            entry.quantity,
+            limit=entry.limit,
+            is_maximum=entry.is_maximum,
+            probability=best.probability if best else None,
+        )
+    for name, values in columns.items():
+        varies = np.ptp(values) > _SMALLEST_SPREAD * np.abs(values).max()
+        if name not in drawn and not result.quantities[name].part_of and varies:
+            yield panel(name, name)
+
+
+def _component_panels(result: StudyResult, components: dict[str, Component]) -> Iterator[Panel]:
+    for name, part in components.items():
+        unit = result.quantities[name].unit
+        ax = figures.draw_eigenvalues(part.subspace, label=name, unit=unit)
+        yield Panel.of(Section.EIGENVALUES, name, f"eigenvalues of {name}", ax)
+        ax = figures.draw_sufficient_summary(part.active, part.values, part.regression, label=name, unit=unit)
+        yield Panel.of(Section.SUMMARIES, name, f"{name} against its active variable, with the regression", ax)
+
+
+def _bar(row: Estimate, label: str) -> ProbabilityBar:
+    return ProbabilityBar(
+        label, row.probability, row.lower95, row.upper95, row.evaluations, row.gradients, row.converged
+    )
+
+
+def _halved_bar(advice: Advice) -> ProbabilityBar:
+    label, half = f"half of\n{advice.tolerance.replace('_', ' ')}", advice.half
+    if not advice.gain.is_resolved:
+        # No bar: it would show how few the runs are.
+        return ProbabilityBar(label, evaluations=half.evaluations, message=str(advice.gain))
+    return ProbabilityBar(
+        label, half.probability, half.lower95, half.upper95, half.evaluations, converged=half.converged
+    )

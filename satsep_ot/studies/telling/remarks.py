@@ -1,0 +1,141 @@
+"""Sentences beside the numbers of a study: where methods contradict each other, what the numbers rest on and miss."""
+
+from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.model.case import SYSTEM, Case
+from satsep_ot.studies.telling.results import StudyResult
+from satsep_ot.studies.telling.verdicts import best_estimate, contradiction, estimate_by
+from satsep_ot.studies.telling.words import (
+    BLIND_SPOTS,
+    DESIGN_POINT_METHODS,
+    METHOD_LIMITS,
+    SYSTEM_BLIND_SPOT,
+    StudyMethod,
+    interval_text,
+    probability_text,
+)
+
+# How often the 95 % interval of ActiveSubspace held a probability that is known: (problem, repetitions, percent), as
+# tests/benchmarks/reliability_coverage.py printed it.
+COVERAGE = {
+    "lateral rate": ("reference-lateral-rate", 200, 96.5),
+    "spin": ("reference-spin", 200, 96.5),
+    "any requirement": ("reference-any-requirement", 200, 98.5),
+    "axial velocity": ("reference-axial-velocity", 60, 96.7),
+    "clearance": ("reference-clearance", 16, 100.0),
+}
+# Above this shape of the tail of the corrections' weights an interval is not reliable.
+_HEAVY_TAIL = 0.7
+_FORCE_LINES = {
+    ForceLine.GUIDED: ("guided", "along an axis fixed in the platform"),
+    ForceLine.STRUT: ("struts", "along the line between its seats"),
+    ForceLine.NORMAL: ("feet", "as a foot, square to the satellite's plate"),
+}
+_NOT_VALIDATED = (
+    "flexible bodies and sloshing",
+    "contact other than at the springs' seats (walls hold nothing back: a clearance below 0 is a contact that the run "
+    "ignores)",
+    "friction that sticks",
+    "springs whose own mass matters",
+    "runs of many minutes under gravity",
+)
+
+
+def assumptions(case: Case) -> list[str]:
+    """What the numbers of a case rest on, a sentence each."""
+    separation = case.separation
+    line, push = _FORCE_LINES[separation.force_line]
+    gravity = "There is no gravity."
+    if separation.orbit is not None:
+        torque = "with" if separation.gradient_torque else "without"
+        gravity = f"Gravity acts as its difference between the bodies, {torque} the gravity-gradient torque."
+    dependence = "independent" if case.copula is None else "correlated as named there, by a normal copula"
+    return [
+        "Both bodies are rigid. After the command to separate they touch only the springs and connectors of the case.",
+        f"The springs are {line}: each pushes {push}. A spring has no mass, and no friction unless the case says so. "
+        "It releases at the end of its stroke, once and for all.",
+        gravity,
+        f"The {len(case.inputs)} uncertain inputs have the distributions of the case file and are {dependence}. The "
+        "probabilities are as good as these distributions, whose tails are rarely measured.",
+        "Every quantity is taken at the last release unless its description says otherwise.",
+    ]
+
+
+def remarks(result: StudyResult) -> list[str]:
+    """Sentences on methods that contradict the estimate that a verdict rests on: by how much, and why."""
+    quantities = {entry.name: entry.quantity for entry in result.requirements}
+    sentences = []
+    for requirement, rows in result.rows_by_requirement().items():
+        best, doubt = best_estimate(rows), contradiction(rows)
+        if doubt:
+            sentences.append(
+                f"{requirement}: {doubt}. Either this is chance, which does it at most 1 time in 20, or one of the "
+                "methods has missed failures. More runs, or another seed, show which."
+            )
+        if best is None or not best.probability:
+            continue
+        why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else BLIND_SPOTS.get(quantities[requirement])
+        for method in DESIGN_POINT_METHODS:
+            row = estimate_by(method, rows)
+            if row is None or not row.probability or best.lower95 <= row.probability <= best.upper95:
+                continue
+            ratio = row.probability / best.probability
+            times = f"{1.0 / ratio:.1f} times too low" if ratio < 1.0 else f"{ratio:.1f} times too high"
+            sentences.append(
+                f"{requirement}: {method} gives {probability_text(row.probability)}, {times}: {best.method} gives "
+                f"{probability_text(best.probability)} ({interval_text(best.lower95, best.upper95)})"
+                + (f". The reason: {why}." if why else ".")
+            )
+    return sentences
+
+
+def limits(result: StudyResult) -> list[str]:
+    """What limits the trust in the numbers of a study, a sentence or two each."""
+    methods = result.sizes.methods
+    sentences = [METHOD_LIMITS[method] for method in methods if method in METHOD_LIMITS]
+    for requirement, diagnostics in result.diagnostics.items():
+        shape = diagnostics.pareto_shape
+        if shape is not None and shape > _HEAVY_TAIL:
+            sentences.append(
+                f"{requirement}: the weights of the corrections of ActiveSubspace have a heavy tail (Pareto shape "
+                f"{shape:.2f}), so that its interval is not reliable."
+            )
+    sentences += unseen_regions(result)
+    if StudyMethod.ACTIVE_SUBSPACE in methods:
+        sentences.append(
+            "How often the 95 % interval of ActiveSubspace holds the truth was measured on the reference case of the "
+            f"package, by repeating the estimate with other seeds: {_coverage()} repetitions "
+            "(tests/benchmarks/reliability_coverage.txt; test problems of other kinds in docs/benchmarks.md). It was "
+            "not measured for other cases, nor for halved tolerances with their 10 %; with a finer --precision it was "
+            "measured for three requirements (docs/validation.md)."
+        )
+    return [
+        *sentences,
+        "docs/validation.md of the package says what the simulator was compared with. Nothing was compared with a "
+        f"measured separation. Not modelled, or not validated: {'; '.join(_NOT_VALIDATED)}.",
+    ]
+
+
+def unseen_regions(result: StudyResult) -> list[str]:
+    """What is known of failure regions that no run of a surrogate has reached; empty where there is nothing to say."""
+    bounds = [
+        f"{row.requirement} {probability_text(row.unseen_bound)}"
+        for row in result.rows
+        if row.unseen_bound is not None and row.converged
+    ]
+    if not bounds:
+        return []
+    text = (
+        "ActiveSubspace learns from its runs: a failure region that no run has reached is not excluded. Such a region "
+        f"has, as far as these runs tell, at most the probability: {', '.join(bounds)}."
+    )
+    if StudyMethod.MONTE_CARLO in result.sizes.methods:
+        text += (
+            " The upper bounds of MonteCarlo include any such region, since it needs no surrogate: its "
+            f"{result.sizes.sample:,} runs reach, with 95 % confidence, every failure region of a probability above "
+            f"{probability_text(3.0 / result.sizes.sample)}."
+        )
+    return [text]
+
+
+def _coverage():
+    return ", ".join(f"{name} {share:g} % of {repetitions}" for name, (_, repetitions, share) in COVERAGE.items())

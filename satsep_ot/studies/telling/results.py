@@ -1,0 +1,367 @@
+"""What a study found, as dataclasses: the study fills them in, everything that tells of a study takes them."""
+
+import dataclasses
+import enum
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from satsep_ot.dynamics.quantities import Quantity
+from satsep_ot.methods.comparison.comparison import Row
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
+from satsep_ot.model.case import Case, Requirement
+from satsep_ot.model.inputs import UncertainInput
+from satsep_ot.studies.telling.scatter import describe_inputs, describe_scatters
+from satsep_ot.studies.telling.words import StudyMethod
+
+
+class DriverMeasure(enum.StrEnum):
+    """What the share of a tolerance is a share of."""
+
+    VIOLATIONS = "violations"
+    SENSITIVITY = "squared sensitivity"
+
+
+@dataclasses.dataclass(frozen=True)
+class Estimate:
+    """The probability of violating one requirement, or any of them, by one method.
+
+    Attributes
+    ----------
+    requirement : str
+    method : StudyMethod
+    probability, lower95, upper95, coefficient_of_variation : float or None
+        None where the method gives no such number.
+    evaluations, gradients : int
+        Runs of the simulator and gradients.
+    seconds : float
+    converged : bool
+    note : str
+        Why the method ended, or what went wrong.
+    unseen_bound : float or None
+        Failure regions that no run has reached have a probability below this, as far as the method's own runs tell.
+        None where the method needs no surrogate, and where its estimate is too large for such a region to matter.
+    """
+
+    requirement: str
+    method: StudyMethod
+    probability: float | None = None
+    lower95: float | None = None
+    upper95: float | None = None
+    coefficient_of_variation: float | None = None
+    evaluations: int = 0
+    gradients: int = 0
+    seconds: float = 0.0
+    converged: bool = False
+    note: str = ""
+    unseen_bound: float | None = None
+
+    @staticmethod
+    def of(requirement: str, row: Row) -> "Estimate":
+        """The row of a comparison as an estimate of a requirement."""
+        values = dataclasses.asdict(row)
+        return Estimate(requirement, StudyMethod(values.pop("method")), **values)
+
+
+@dataclasses.dataclass(frozen=True)
+class HalvedTolerance:
+    """The probability of violating a requirement with the scatter of one tolerance scaled.
+
+    Attributes
+    ----------
+    tolerance : str
+    scale : float
+        Of the scatter.
+    probability, lower95, upper95 : float or None
+        None where no estimate could be made; the note says why.
+    evaluations : int or None
+    converged : bool
+    note : str
+    """
+
+    tolerance: str
+    scale: float
+    probability: float | None = None
+    lower95: float | None = None
+    upper95: float | None = None
+    evaluations: int | None = None
+    converged: bool = False
+    note: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Sizes:
+    """The settings of a study: runs of the sample, gradients, tolerances halved, target precision, methods."""
+
+    sample: int
+    gradients: int
+    tolerances: int
+    precision: float
+    methods: tuple[StudyMethod, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class RequirementEntry:
+    """A requirement of the case: a limit on a quantity, and the accepted probability of violating it."""
+
+    name: str
+    quantity: str
+    limit: float
+    is_maximum: bool
+    allowed_probability: float | None
+    text: str
+    unit: str
+
+    @staticmethod
+    def of(requirement: Requirement, unit: str) -> "RequirementEntry":
+        """The entry of a requirement whose quantity has a unit."""
+        return RequirementEntry(**dataclasses.asdict(requirement), text=str(requirement), unit=unit)
+
+
+@dataclasses.dataclass(frozen=True)
+class QuantityValues:
+    """A quantity of interest: its nominal value, and mean and standard deviation in the Monte Carlo sample.
+
+    `part_of` is the quantity that this one is a part of, such as the clearance of one point; empty for the others.
+    """
+
+    unit: str
+    description: str
+    nominal: float
+    mean: float | None = None
+    deviation: float | None = None
+    part_of: str = ""
+
+    @staticmethod
+    def of(quantity: Quantity, nominal: float, mean: float | None, deviation: float | None) -> "QuantityValues":
+        """The values of a quantity."""
+        return QuantityValues(quantity.unit, quantity.description, nominal, mean, deviation, quantity.part_of)
+
+
+@dataclasses.dataclass(frozen=True)
+class Tolerance:
+    """A tolerance of the case file: its scatter in words, its inputs, and what these are."""
+
+    scatter: str
+    inputs: tuple[str, ...]
+    description: str
+
+    @staticmethod
+    def of(rows: Sequence[UncertainInput]) -> "Tolerance":
+        """The tolerance whose inputs these are."""
+        return Tolerance(describe_scatters(rows), tuple(row.name for row in rows), describe_inputs(rows))
+
+
+@dataclasses.dataclass(frozen=True)
+class ViolationInput:
+    """One input of a run: its value, and in standard deviations from the median."""
+
+    name: str
+    unit: str
+    value: float
+    standard: float
+
+
+@dataclasses.dataclass(frozen=True)
+class MostLikelyViolation:
+    """The most likely violation that was found: distance in standard space, quantities and inputs of the run."""
+
+    distance: float
+    quantities: dict[str, float]
+    inputs: tuple[ViolationInput, ...]
+
+    def extremes(self, count: int = 6) -> list[ViolationInput]:
+        """The inputs that are furthest from their medians."""
+        return sorted(self.inputs, key=lambda entry: -abs(entry.standard))[:count]
+
+    @staticmethod
+    def of(
+        case: Case, quantities: dict[str, float], inputs: np.ndarray, standard: np.ndarray, distance: float
+    ) -> "MostLikelyViolation":
+        """The violation at a point, given in units of the inputs and in standard space, shape (d,) each."""
+        values = zip(case.inputs, inputs, standard, strict=True)
+        return MostLikelyViolation(
+            distance, quantities, tuple(ViolationInput(row.name, row.unit, float(x), float(u)) for row, x, u in values)
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Component:
+    """A smooth component on its active subspace, and the polynomial regression on its active variables.
+
+    Attributes
+    ----------
+    subspace : :class:`satsep_ot.methods.subspaces.result.ActiveSubspaceResult`
+    active, values : ndarray, shapes (N, r) and (N,)
+        Active variables and values of the true runs.
+    regression : :class:`satsep_ot.methods.polynomials.regression_result.MultivariatePolynomialRegressionResult`
+    """
+
+    subspace: ActiveSubspaceResult
+    active: np.ndarray
+    values: np.ndarray
+    regression: MultivariatePolynomialRegressionResult
+
+
+@dataclasses.dataclass(frozen=True)
+class ComponentSummary:
+    """The numbers of a `Component`: directions, largest eigenvalues, degree, Q2 leave-one-out, error bound."""
+
+    dimension: int
+    eigenvalues: tuple[float, ...]
+    degree: int
+    Q2: float
+    error_bound: float
+
+    @staticmethod
+    def of(component: Component) -> "ComponentSummary":
+        """The numbers of a component."""
+        return ComponentSummary(
+            component.subspace.getDimension(),
+            tuple(component.subspace.getEigenvalues())[:10],
+            component.regression.getDegree(),
+            component.regression.getQ2LeaveOneOut()[0],
+            component.subspace.getErrorBound(),
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnostics:
+    """What ActiveSubspace says of its own estimate.
+
+    Attributes
+    ----------
+    method, reason : str
+        By what the probability was estimated at last, and why it ended.
+    surrogate_probability : float or None
+        By the surrogate alone.
+    numbers : dict of str to float or None
+        As :meth:`ActiveSubspaceReliabilityResult.getDiagnostics` names them.
+    """
+
+    method: str
+    reason: str
+    surrogate_probability: float | None
+    numbers: dict[str, float | None]
+
+    # The keys of results.json since version 0.1.0, beside the numbers.
+    _KEYS = {"method": "method", "reason": "reason", "surrogate_probability": "surrogate probability"}
+
+    @property
+    def pareto_shape(self) -> float | None:
+        """Shape of the tail of the corrections' weights; above 0.7 the interval is not reliable."""
+        return self.numbers.get("Pareto k")
+
+    @staticmethod
+    def of(result: ActiveSubspaceReliabilityResult) -> "Diagnostics":
+        """The diagnostics of a result; a number that is not finite is None."""
+        numbers = {name: value if math.isfinite(value) else None for name, value in result.getDiagnostics().items()}
+        return Diagnostics(result.getMethod(), result.getReason(), result.getSurrogateProbability(), numbers)
+
+    def to_plain(self) -> dict[str, Any]:
+        """As it stands in results.json."""
+        return {**self.numbers, **{key: getattr(self, name) for name, key in self._KEYS.items()}}
+
+    @staticmethod
+    def from_plain(data: dict[str, Any]) -> "Diagnostics":
+        """From what stands in results.json."""
+        missing = [key for key in Diagnostics._KEYS.values() if key not in data]
+        if missing:
+            raise ValueError(f"{missing[0]} is missing")
+        known = {name: data[key] for name, key in Diagnostics._KEYS.items()}
+        return Diagnostics(**known, numbers={k: v for k, v in data.items() if k not in Diagnostics._KEYS.values()})
+
+
+class Section(enum.StrEnum):
+    """The groups of figures in a report."""
+
+    SEPARATION = "separation"
+    ANSWER = "answer"
+    DRIVERS = "drivers"
+    TIGHTENED = "tightened"
+    DENSITIES = "densities"
+    EIGENVALUES = "eigenvalues"
+    SUMMARIES = "summaries"
+    METHODS = "methods"
+
+
+@dataclasses.dataclass(frozen=True)
+class FigureFile:
+    """A figure of the report: the section that shows it, what it is of, its text alternative, its file."""
+
+    section: Section
+    name: str
+    text: str
+    file: str
+
+
+@dataclasses.dataclass(frozen=True)
+class StudyResult:
+    """All that a study found.
+
+    Attributes
+    ----------
+    case, description : str
+    seed : int
+    complete : bool
+        Whether the study has run to its end.
+    finished : str
+        When, in the format of ISO 8601.
+    versions : dict of str to str
+        Of the packages that the numbers rest on.
+    sizes : Sizes
+    rows : tuple of Estimate
+        Requirement by requirement, at last those of any requirement.
+    requirements : tuple of RequirementEntry
+    quantities : dict of str to QuantityValues
+    tolerances : dict of str to Tolerance
+    drivers : dict of str to dict of str to float
+        By requirement, the share of each tolerance in its violations, the largest first.
+    driver_measures : dict of str to DriverMeasure
+        What these shares are shares of.
+    ratios : dict of str to dict of str to float
+        By requirement and tolerance, the factor of the probability with a tenth less scatter.
+    tightened : dict of str to tuple of HalvedTolerance
+    violations : dict of str to MostLikelyViolation
+    components : dict of str to ComponentSummary
+    diagnostics : dict of str to Diagnostics
+    correlated : bool
+        Whether the inputs are.
+    assumptions : tuple of str
+        What the numbers rest on, a sentence each.
+    figures : tuple of FigureFile
+    """
+
+    case: str
+    description: str
+    seed: int
+    complete: bool
+    finished: str
+    versions: dict[str, str]
+    sizes: Sizes
+    rows: tuple[Estimate, ...]
+    requirements: tuple[RequirementEntry, ...]
+    quantities: dict[str, QuantityValues]
+    tolerances: dict[str, Tolerance]
+    drivers: dict[str, dict[str, float]]
+    ratios: dict[str, dict[str, float]]
+    tightened: dict[str, tuple[HalvedTolerance, ...]]
+    violations: dict[str, MostLikelyViolation]
+    components: dict[str, ComponentSummary]
+    diagnostics: dict[str, Diagnostics]
+    correlated: bool
+    assumptions: tuple[str, ...]
+    figures: tuple[FigureFile, ...] = ()
+    driver_measures: dict[str, DriverMeasure] = dataclasses.field(default_factory=dict)
+
+    def rows_of(self, requirement: str) -> tuple[Estimate, ...]:
+        """The estimates of one requirement, or of "any requirement"."""
+        return tuple(row for row in self.rows if row.requirement == requirement)
+
+    def rows_by_requirement(self) -> dict[str, tuple[Estimate, ...]]:
+        """The estimates of each requirement that has any, in the order of the rows."""
+        return {name: self.rows_of(name) for name in dict.fromkeys(row.requirement for row in self.rows)}
