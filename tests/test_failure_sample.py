@@ -7,7 +7,7 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.methods.reliability import algorithm as reliability
+from satsep_ot.methods.reliability import proposal as proposals
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.sensitivity import (
@@ -24,7 +24,7 @@ tail = ot.Normal().computeComplementaryCDF
 @pytest.fixture(autouse=True)
 def _seed(monkeypatch):
     ot.RandomGenerator.SetSeed(0)
-    monkeypatch.setattr(reliability, "_POOL_SIZE", 20_000)
+    monkeypatch.setattr(proposals, "_POOL_SIZE", 20_000)
 
 
 def solve(formula, distribution, threshold, target=0.02):
@@ -238,7 +238,7 @@ def test_no_failure_and_subset_simulation_have_no_sensitivities(monkeypatch):
             2.0,
         )
     )
-    monkeypatch.setattr(ActiveSubspaceReliability, "_subsetIsBetter", lambda self, proposal, remaining: True)
+    monkeypatch.setattr(proposals.Proposal, "losesToSubsetSimulation", lambda self, remaining, target: True)
     algorithm.setMaximumEvaluations(600)
     algorithm.run()
     assert algorithm.getResult().getMethod() == "SubsetSimulation"

@@ -5,15 +5,15 @@ import openturns as ot
 import pytest
 from scipy.special import ndtr
 
-from satsep_ot.methods.reliability.proposal import (
+from satsep_ot.methods.reliability.estimate import paretoShape
+from satsep_ot.methods.reliability.mixture import (
     GaussianMixture,
     ModeMixture,
-    Pool,
     _nextSmoothing,
     fitGaussianMixture,
     fitImportantRegion,
-    paretoShape,
 )
+from satsep_ot.methods.reliability.proposal import Pool
 
 
 def generator():

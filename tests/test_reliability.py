@@ -12,10 +12,16 @@ from scipy.stats import norm
 
 from satsep_ot.methods.common.intervals import IntervalLaw, clopperPearson
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem
-from satsep_ot.methods.reliability import algorithm as reliability
+from satsep_ot.methods.reliability import proposal as proposals
+from satsep_ot.methods.reliability import run as runs_of
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.estimate import Estimate, paretoShape
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent
-from satsep_ot.methods.reliability.proposal import GaussianMixture, ModeMixture, Pool, fitImportantRegion, paretoShape
+from satsep_ot.methods.reliability.mixture import GaussianMixture, ModeMixture, fitImportantRegion
+from satsep_ot.methods.reliability.outcome import Ending
+from satsep_ot.methods.reliability.proposal import Pool, Proposal, fitModes
+from satsep_ot.methods.reliability.run import ReliabilityRun
+from satsep_ot.methods.reliability.settings import ReliabilitySettings
 from satsep_ot.methods.reliability.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
 from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate, normalisedRadius, radiusFromNormal
 from satsep_ot.openturns_adapter import callFunction
@@ -25,7 +31,7 @@ from satsep_ot.openturns_adapter import callFunction
 def _seed(monkeypatch):
     ot.RandomGenerator.SetSeed(0)
     # Smaller than by default: quicker, and the intervals have to know.
-    monkeypatch.setattr(reliability, "_POOL_SIZE", 20_000)
+    monkeypatch.setattr(proposals, "_POOL_SIZE", 20_000)
 
 
 def event(evaluate, dimension=3, operator=None, threshold=0.0, distribution=None):
@@ -86,16 +92,16 @@ def test_the_radius_alone_is_preferred_to_directions_that_only_fit_the_noise():
 
 
 def test_a_refit_that_contradicts_the_estimate_proposes_no_runs(monkeypatch):
-    original, spoilt = reliability.ActiveSubspaceReliability._propose, []
+    original, spoilt = ReliabilityRun._propose, []
 
     def propose(self):
         proposal = original(self)
-        if self._blocks:
+        if self.blocks:
             spoilt.append(proposal)
             proposal = dataclasses.replace(proposal, probability=200.0 * proposal.probability)
         return proposal
 
-    monkeypatch.setattr(reliability.ActiveSubspaceReliability, "_propose", propose)
+    monkeypatch.setattr(ReliabilityRun, "_propose", propose)
     algorithm = ActiveSubspaceReliability(event(lambda u: 3.0 - u.sum(axis=1) / math.sqrt(3.0)))
     algorithm.run()
     result = algorithm.getResult()
@@ -211,7 +217,8 @@ def test_hand_over_to_subset_simulation_after_few_runs_without_a_subspace():
     algorithm.run()
     result = algorithm.getResult()
     assert result.getMethod() == "SubsetSimulation"
-    assert "handed over" in result.getReason()
+    assert result.getEnding() in (Ending.NO_FAILURE_REGION, Ending.POOR_SURROGATE)
+    assert result.getReason().startswith("handed over to subset simulation: the surrogate")
     assert result.getEvaluationNumber("learning") < 250
     phase = 2.0 * math.pi * np.random.default_rng(0).random((200_000, 20))
     truth = np.mean(np.sin(phase).sum(axis=1) >= 4.5)
@@ -255,7 +262,8 @@ def test_constant_function_has_its_bound(value, probability):
     # What never fails may do so in the rest of the runs; what always fails is soon known to 10 %.
     assert runs == (5000 if probability == 0.0 else 90)
     assert result.getConverged() == (probability == 1.0)
-    assert "constant" in result.getReason()
+    assert result.getEnding() is Ending.CONSTANT
+    assert "is constant in the first 10 runs" in result.getReason()
     assert result.getActiveDimensions() == []
 
 
@@ -276,7 +284,7 @@ def test_no_failure_seen_has_an_upper_bound():
     np.testing.assert_allclose(nominal.std(axis=0), 1.0, atol=5.0 / math.sqrt(len(nominal)))
     np.testing.assert_allclose(nominal.mean(axis=0), 0.0, atol=4.0 / math.sqrt(len(nominal)))
     assert runs.computeProbability() == 0.0
-    assert f"the estimate is from {len(nominal)} runs drawn as by Monte Carlo" in result.getReason()
+    assert f"the estimate is from {len(nominal)} crude Monte Carlo runs" in result.getReason()
     assert result.getMethod() == "MonteCarlo"
     assert not result.getConverged()
 
@@ -335,7 +343,7 @@ def test_failures_that_only_a_surrogate_claims_do_not_bound_the_probability():
     assert interval.getLowerBound()[0] == 0.0
     runs = int(10 + 0.1 * result.getEvaluationNumber("estimation"))
     assert interval.getUpperBound()[0] == pytest.approx(1.0 - 0.05 ** (1.0 / runs))
-    assert f"no run failed, and only about {runs} runs as by Monte Carlo bound the probability" in result.getReason()
+    assert f"no run failed, and only about {runs} crude Monte Carlo runs bound the probability" in result.getReason()
     assert result.drawConvergence().getDrawables().getSize() == 0
 
 
@@ -373,6 +381,7 @@ def test_runs_that_are_never_finite_keep_the_bound_of_their_policy():
         interval = result.getConfidenceInterval()
         assert interval.getUpperBound()[0] - interval.getLowerBound()[0] > 0.05
         assert not result.getConverged()
+        assert result.getEnding() is Ending.NEVER_FINITE
 
 
 def test_all_runs_failed_and_a_frequent_event():
@@ -444,6 +453,7 @@ def test_callbacks_can_be_lambdas_and_stop():
     assert len(seen) == 2
     assert 0.0 < seen[0] < seen[1] <= 100.0
     assert "stop callback" in result.getReason()
+    assert result.getEnding() is Ending.STOPPED
     assert not result.getConverged()
     assert result.getConfidenceInterval().getUpperBound()[0] > 0.0
 
@@ -741,17 +751,23 @@ def test_every_field_of_runs_is_concatenated():
 # The decisions, from numbers told to them. ----------------------------------------------------------------------------
 
 
-def bare(**attributes):
-    """An algorithm that has not run, with what its steps look at."""
-    algorithm = ActiveSubspaceReliability(event(lambda u: u[:, 0]))
+def bare(blocks=(), phases=(), settings=(), **attributes):
+    """A run that has not begun, with what its steps look at."""
+    run = ReliabilityRun(event(lambda u: u[:, 0]), ReliabilitySettings(**dict(settings)))
+    run.recorder.blocks += blocks
+    run.recorder.phases |= dict(phases)
     for name, value in attributes.items():
-        setattr(algorithm, f"_{name}", value)
-    return algorithm
+        assert hasattr(run, name), name
+        setattr(run, name, value)
+    return run
 
 
-def proposal(**attributes):
-    given = {"probability": 1e-3, "poolVariance": 0.0, "runVariance": lambda: 0.0, "failureShare": lambda: 0.5}
-    return SimpleNamespace(**(given | attributes))
+def proposal(probability=1e-3, poolVariance=0.0, exploration=None, **methods):
+    """A proposal of which only these numbers are looked at, and what its methods answer."""
+    told = Proposal(None, None, None, probability, poolVariance, None, exploration)
+    for name, method in ({"runVariance": lambda: 0.0, "failureShare": lambda: 0.5} | methods).items():
+        setattr(told, name, method)
+    return told
 
 
 def sizesOfRuns(evaluate, dimension=3, **options):
@@ -771,13 +787,14 @@ def sizesOfRuns(evaluate, dimension=3, **options):
 
 def blocksOfPlan(monkeypatch, needed, maximum=5000, dimension=3):
     """Sizes of the learning blocks and of the estimate's where so many runs are needed and the target is never met."""
-    monkeypatch.setattr(reliability, "_POOL_SIZE", 1000)
-    monkeypatch.setattr(ActiveSubspaceReliability, "_runsNeeded", lambda self, proposal: needed)
-    monkeypatch.setattr(ActiveSubspaceReliability, "_runsForFailures", lambda self, proposal: 0.0)
+    monkeypatch.setattr(proposals, "_POOL_SIZE", 1000)
+    monkeypatch.setattr(Proposal, "runsNeeded", lambda self, target: needed)
+    monkeypatch.setattr(Proposal, "runsForFailures", lambda self: 0.0)
     sizes, result = sizesOfRuns(
         lambda u: 3.0 - u[:, 0], dimension, MaximumEvaluations=maximum, TargetCoefficientOfVariation=1e-9
     )
     assert "maximum number" in result.getReason()
+    assert result.getEnding() is Ending.EVALUATIONS_USED
     assert result.getEvaluationNumber() in (maximum, maximum - 1)
     learning = int(np.searchsorted(np.cumsum(sizes), result.getEvaluationNumber("learning"))) + 1
     return sizes[:learning], sizes[learning:]
@@ -824,7 +841,7 @@ def test_a_block_has_a_run_for_each_input(monkeypatch):
 def test_the_end_needs_the_target_three_blocks_sixty_failures_and_a_tail_that_is_not_heavy(
     monkeypatch, variation, failures, shape, converged
 ):
-    class Told(reliability.Estimate):
+    class Told(Estimate):
         def __init__(self, blocks):
             super().__init__(blocks)
             self.failures = failures
@@ -835,9 +852,10 @@ def test_the_end_needs_the_target_three_blocks_sixty_failures_and_a_tail_that_is
         def paretoShape(self):
             return shape
 
-    monkeypatch.setattr(reliability, "Estimate", Told)
+    monkeypatch.setattr(runs_of, "Estimate", Told)
     sizes, result = sizesOfRuns(lambda u: 3.0 - u[:, 0], MaximumEvaluations=800)
     assert result.getConverged() == converged
+    assert result.getEnding() is (Ending.TARGET_REACHED if converged else Ending.EVALUATIONS_USED)
     blocks = len(sizes) - list(np.cumsum(sizes)).index(result.getEvaluationNumber("learning")) - 1
     assert (blocks == 3) == converged
     assert result.getEvaluationNumber() < 800 if converged else result.getEvaluationNumber() == 800
@@ -845,20 +863,19 @@ def test_the_end_needs_the_target_three_blocks_sixty_failures_and_a_tail_that_is
 
 def test_a_refit_is_believed_within_five_standard_deviations_of_the_estimate():
     # 5 (sqrt(3^2 + 4^2) 1e-5 + 2 % of 1e-3) = 3.5e-4.
-    estimate = SimpleNamespace(probability=1e-3, variance=9e-10)
+    estimate = Estimate.__new__(Estimate)
+    estimate.probability, estimate.variance = 1e-3, 9e-10
     for probability, believed in ((1.349e-3, True), (1.351e-3, False), (0.651e-3, True), (0.649e-3, False)):
         refitted = proposal(probability=probability, poolVariance=1.6e-9)
-        assert ActiveSubspaceReliability._isConsistent(refitted, estimate) == believed
+        assert estimate.agrees(refitted) == believed
 
 
 def test_subset_simulation_is_preferred_where_it_would_be_more_exact():
     # Four levels of 675 runs with chains that cost a factor of 3: 4 sqrt(3 * 9 * 4 / 2700) = 0.8.
-    algorithm = bare()
-
-    def better(ours, probability=1e-4, remaining=2700):
+    def better(ours, probability=1e-4, remaining=2700, target=0.05):
         variance = remaining * (ours * probability) ** 2
         told = proposal(probability=probability, runVariance=lambda: variance)
-        return algorithm._subsetIsBetter(told, remaining)
+        return told.losesToSubsetSimulation(remaining, target)
 
     assert not better(0.79)
     assert better(0.81)
@@ -866,24 +883,22 @@ def test_subset_simulation_is_preferred_where_it_would_be_more_exact():
     assert not better(0.09, 0.5)
     assert better(0.11, 0.5)
     # What reaches the target is good enough.
-    algorithm.setTargetCoefficientOfVariation(0.9)
-    assert not better(0.81)
+    assert not better(0.81, target=0.9)
 
 
 def test_runs_that_the_target_and_the_failures_need():
-    algorithm = bare()
     # (5 % of 1e-3)^2 - (3e-5)^2 = (4e-5)^2 is left for the runs.
-    assert algorithm._runsNeeded(proposal(poolVariance=9e-10, runVariance=lambda: 1.6e-7)) == pytest.approx(100.0)
-    assert algorithm._runsNeeded(proposal(poolVariance=25e-10, runVariance=lambda: 1.6e-7)) == math.inf
+    assert proposal(poolVariance=9e-10, runVariance=lambda: 1.6e-7).runsNeeded(0.05) == pytest.approx(100.0)
+    assert proposal(poolVariance=25e-10, runVariance=lambda: 1.6e-7).runsNeeded(0.05) == math.inf
     # A hundred failures are planned, so that fewer than 60 are unlikely; but never more than 2000 runs for them.
-    assert algorithm._runsForFailures(proposal(failureShare=lambda: 0.5)) == pytest.approx(200.0)
-    assert algorithm._runsForFailures(proposal(failureShare=lambda: 0.001)) == pytest.approx(2000.0)
+    assert proposal(failureShare=lambda: 0.5).runsForFailures() == pytest.approx(200.0)
+    assert proposal(failureShare=lambda: 0.001).runsForFailures() == pytest.approx(2000.0)
 
 
 def test_what_a_run_of_a_proposal_is_worth():
     pool = Pool(np.zeros((4, 1)), np.array([1.0, 2.0, 1.0, 1.0]))
     failure, selection = np.array([1.0, 0.5, 0.0, 0.1]), np.array([0.3, 0.2, 0.4, 0.1])
-    told = reliability._Proposal(None, pool, failure, 0.5, 0.0, selection, selection)
+    told = Proposal(None, pool, failure, 0.5, 0.0, selection, selection)
     # Weights over four times the selection: 2.5 where the surrogate is at a half, 2.5 at a tenth.
     assert told.runVariance() == pytest.approx(0.2 * 2.5**2 * 0.25 + 0.1 * 2.5**2 * 0.09)
     assert told.failureShare() == pytest.approx(0.3 + 0.1 + 0.01)
@@ -892,9 +907,11 @@ def test_what_a_run_of_a_proposal_is_worth():
 def test_runs_that_are_not_finite_count_by_their_policy_beside_the_surrogate():
     # 10 of 100 runs were not finite.
     for policy, expected in (("failure", [0.1, 0.28]), ("safe", [0.0, 0.18])):
-        algorithm = bare(limitState=SimpleNamespace(nonFiniteNumber=10), phases={"learning": 60, "estimation": 40})
-        algorithm.setNonFinitePolicy(policy)
-        np.testing.assert_allclose(algorithm._withNonFinite(np.array([0.0, 0.2])), expected)
+        limitState = SimpleNamespace(nonFiniteNumber=10)
+        run = bare(
+            phases={"learning": 60, "estimation": 40}, settings={"nonFinitePolicy": policy}, limitState=limitState
+        )
+        np.testing.assert_allclose(run._withNonFinite(np.array([0.0, 0.2])), expected)
 
 
 def calibrated(error, margins, failed=None, value=1.0, calibration=1.0):
@@ -914,30 +931,30 @@ def calibrated(error, margins, failed=None, value=1.0, calibration=1.0):
         failed=np.zeros(size, dtype=bool) if failed is None else np.asarray(failed),
     )
     limitState = SimpleNamespace(smooth=lambda outputs: outputs)
-    algorithm = bare(surrogate=surrogate, limitState=limitState, weightWidth=3.0, calibration=calibration)
-    return algorithm._calibrate(runs), algorithm
+    run = bare(surrogate=surrogate, limitState=limitState, weightWidth=3.0, calibration=calibration)
+    return run._calibrate(runs), run
 
 
 def test_errors_of_prediction_are_scaled_by_new_runs():
-    trusted, algorithm = calibrated(1.0, np.zeros(90))
+    trusted, run = calibrated(1.0, np.zeros(90))
     assert trusted
-    assert algorithm._observedCalibration == pytest.approx(1.0)
-    assert algorithm._calibration == pytest.approx(1.0)
+    assert run.observedCalibration == pytest.approx(1.0)
+    assert run.calibration == pytest.approx(1.0)
     # Twice as far off as expected: with ten runs' worth of belief, sqrt((10 + 4 * 90) / 100), half of it kept.
-    trusted, algorithm = calibrated(2.0, np.zeros(90))
+    trusted, run = calibrated(2.0, np.zeros(90))
     assert not trusted
-    assert algorithm._observedCalibration == pytest.approx(2.0)
-    assert algorithm._calibration == pytest.approx(math.sqrt(math.sqrt(3.7)))
+    assert run.observedCalibration == pytest.approx(2.0)
+    assert run.calibration == pytest.approx(math.sqrt(math.sqrt(3.7)))
     # A factor below 1.5 is no surprise.
     assert calibrated(1.51, np.zeros(90))[0]
     assert not calibrated(1.6, np.zeros(90))[0]
     # A run as far from the limit as the width of the weights counts half.
-    _, algorithm = calibrated(2.0, np.full(180, 3.0))
-    assert algorithm._calibration == pytest.approx(math.sqrt(math.sqrt(3.7)))
+    _, run = calibrated(2.0, np.full(180, 3.0))
+    assert run.calibration == pytest.approx(math.sqrt(math.sqrt(3.7)))
     # One block changes the scale within bounds, and what was learnt before counts.
-    assert calibrated(1e6, np.zeros(90))[1]._calibration == pytest.approx(10.0)
-    assert calibrated(0.0, np.zeros(10**6))[1]._calibration == pytest.approx(0.5)
-    assert calibrated(1.0, np.zeros(90), calibration=4.0)[1]._calibration == pytest.approx(2.0)
+    assert calibrated(1e6, np.zeros(90))[1].calibration == pytest.approx(10.0)
+    assert calibrated(0.0, np.zeros(10**6))[1].calibration == pytest.approx(0.5)
+    assert calibrated(1.0, np.zeros(90), calibration=4.0)[1].calibration == pytest.approx(2.0)
 
 
 def test_a_surrogate_that_was_sure_of_a_wrong_label_is_not_trusted():
@@ -951,9 +968,9 @@ def test_a_surrogate_that_was_sure_of_a_wrong_label_is_not_trusted():
 def test_a_normal_run_that_failed_where_the_surrogate_is_sure_is_missed():
     def misses(value, failed=True, other=(False, True)):
         surrogate = SimpleNamespace(reduce=lambda u: u, limitState=lambda y: (np.array([value]), np.array([1.0])))
-        initial = SimpleNamespace(u=np.zeros((1, 1)), failed=np.array([failed]))
+        first = SimpleNamespace(u=np.zeros((1, 1)), failed=np.array([failed]), finite=np.array([True]))
         part = SimpleNamespace(failed=np.array([other[0], False]), finite=np.array([other[1], True]))
-        return bare(surrogate=surrogate, initial=initial, runs=[part, part])._missesKnownFailures()
+        return bare(blocks=[first, part], surrogate=surrogate)._missesKnownFailures()
 
     # One in a hundred lies 2.33 standard deviations off.
     assert misses(2.4)
@@ -966,19 +983,19 @@ def test_a_normal_run_that_failed_where_the_surrogate_is_sure_is_missed():
 
 def test_points_without_a_known_failure_region_are_spread_twice_as_wide():
     directions = np.array([[0.6], [0.8], [0.0]])
-    algorithm = bare(
+    run = bare(
         generator=np.random.default_rng(0),
         limitState=SimpleNamespace(dimension=3),
         surrogate=SimpleNamespace(directions=directions),
     )
-    u = algorithm._drawWide(20_000)
+    u = run._drawWide(20_000)
     np.testing.assert_allclose((u @ directions).std(), 2.0, rtol=0.02)
     np.testing.assert_allclose((u @ [0.8, -0.6, 0.0]).std(), 1.0, rtol=0.02)
     np.testing.assert_allclose(u[:, 2].std(), 1.0, rtol=0.02)
 
 
 def test_learning_without_a_failure_region_ends_at_two_fifths_of_the_evaluations(monkeypatch):
-    monkeypatch.setattr(ActiveSubspaceReliability, "_propose", lambda self: None)
+    monkeypatch.setattr(ReliabilityRun, "_propose", lambda self: None)
     sizes, result = sizesOfRuns(lambda u: 9.0 - u[:, 0], MaximumEvaluations=1000)
     assert "shows no failure region" in result.getReason()
     learning = list(np.cumsum(sizes)).index(result.getEvaluationNumber("learning")) + 1
@@ -989,7 +1006,7 @@ def test_learning_without_a_failure_region_ends_at_two_fifths_of_the_evaluations
 
 
 def test_learning_ends_after_ten_failures_that_no_surrogate_explains(monkeypatch):
-    monkeypatch.setattr(ActiveSubspaceReliability, "_propose", lambda self: None)
+    monkeypatch.setattr(ReliabilityRun, "_propose", lambda self: None)
     # So many of each call's runs fail, the others are far from the limit; the first call has 10 runs, the next ones 40.
     for failing, blocks in ((5, 1), (4, 2)):
         sizes, result = sizesOfRuns(
@@ -1008,38 +1025,34 @@ def test_runs_near_the_limit_count_most_in_a_fit(monkeypatch):
         seen.append((u, weights, maximumDegree))
         return SimpleNamespace(errors=np.array([0.3]))
 
-    monkeypatch.setattr(reliability, "LimitStateSurrogate", surrogate)
+    monkeypatch.setattr(runs_of, "LimitStateSurrogate", surrogate)
     margins = np.array([0.0, 1.0, -2.0, 0.5, 1.5, np.nan])
     runs = LimitStateEvent(event(lambda u: u[:, 0])).evaluate(np.arange(18.0).reshape(6, 3))
     runs = dataclasses.replace(runs, margins=margins, finite=np.isfinite(margins))
     limitState = SimpleNamespace(smooth=lambda outputs: outputs, surrogateMargin=None)
     # The median distance is 1; among runs all close to the limit, a fifth of the first runs' spread counts as close.
     for spread, width in ((1.0, 1.0), (10.0, 2.0)):
-        algorithm = bare(
-            runs=[runs], limitState=limitState, nominalSpread=spread, surrogate=None, calibration=np.array([2.0]),
-            phases={"learning": 6},
+        run = bare(
+            blocks=[runs], phases={"learning": 6}, limitState=limitState, nominalSpread=spread,
+            calibration=np.array([2.0]),
         )  # fmt: skip
-        algorithm._fit()
+        run._fit()
         u, weights, degree = seen.pop()
         assert len(u) == 5
         assert degree == 4
         np.testing.assert_allclose(weights, 1.0 / (1.0 + (margins[:5] / width) ** 2))
         assert weights[0] == 1.0
-        np.testing.assert_allclose(algorithm._surrogate.errors, [0.6])
+        np.testing.assert_allclose(run.surrogate.errors, [0.6])
 
 
-def linearProposal(limit, deviation=0.02, **attributes):
+def linearProposal(limit, deviation=0.02, target=0.05):
     """Where runs go whose surrogate is limit - y, known to a standard deviation."""
     surrogate = SimpleNamespace(
         dimension=lambda: 1,
         radial=False,
         limitState=lambda y, exact=True: (limit - y[:, 0], np.full(len(y), deviation)),
     )
-    limitState = SimpleNamespace(nonFiniteNumber=0)
-    algorithm = bare(surrogate=surrogate, generator=np.random.default_rng(0), limitState=limitState)
-    for name, value in attributes.items():
-        getattr(algorithm, f"set{name}")(value)
-    return algorithm._propose()
+    return proposals.propose(surrogate, target, np.random.default_rng(0), lambda failure: failure)
 
 
 def test_no_run_of_a_proposal_weighs_more_than_ten_nominal_ones():
@@ -1047,7 +1060,7 @@ def test_no_run_of_a_proposal_weighs_more_than_ten_nominal_ones():
     assert found.probability == pytest.approx(ot.DistFunc.pNormal(-3.0 / math.hypot(1.0, 0.02)), rel=0.05)
     size = len(found.selection)
     mean = found.pool.weights.mean()
-    # A tenth of the runs are drawn as by Monte Carlo, of those to learn from 15 %.
+    # A tenth of the runs are of crude Monte Carlo, of those to learn from 15 %.
     for probabilities, share in ((found.selection, 0.1), (found.exploration, 0.15)):
         largest = (found.pool.weights / (size * probabilities)).max()
         assert largest <= mean / share * (1.0 + 1e-9)
@@ -1058,7 +1071,7 @@ def test_no_run_of_a_proposal_weighs_more_than_ten_nominal_ones():
 def test_runs_go_to_failures_and_where_the_surrogate_is_unsure():
     found = linearProposal(3.0)
     y = found.pool.points[:, 0]
-    # Deep in the failure region only the tenth that is drawn as by Monte Carlo goes, and a sixth or so to all failures.
+    # Deep in the failure region only the tenth that is of crude Monte Carlo goes, and a sixth or so to all failures.
     deep = y > 4.2
     weights = found.pool.weights / found.pool.weights.sum()
     failing = weights * found.failure / (weights @ found.failure)
@@ -1077,10 +1090,10 @@ def test_runs_go_to_failures_and_where_the_surrogate_is_unsure():
 
 
 def test_the_pool_grows_with_the_target_up_to_a_bound(monkeypatch):
-    monkeypatch.setattr(reliability, "_POOL_SIZE", 2000)
+    monkeypatch.setattr(proposals, "_POOL_SIZE", 2000)
     sizes = []
     for target in (0.2, 0.02, 1e-6):
-        found = linearProposal(3.0, TargetCoefficientOfVariation=target)
+        found = linearProposal(3.0, target=target)
         sizes.append(len(found.selection))
         if target > 1e-3:
             # Its error is at most three tenths of the target.
@@ -1101,27 +1114,31 @@ def test_a_safe_run_spends_a_third_on_subset_simulation_first():
 def test_a_probability_below_what_the_runs_can_exclude_says_so():
     rare, _ = solve("P2")
     bound = rare.getDiagnostics()["unseen bound"]
-    # The first runs and a tenth of the estimate's are drawn as by Monte Carlo: 3 over their number.
+    # The first runs and a tenth of the estimate's are of crude Monte Carlo: 3 over their number.
     nominal = 2 * (40 + 2) + 0.1 * rare.getEvaluationNumber("estimation")
     assert bound == pytest.approx(3.0 / nominal)
-    assert f"of probability below {bound:.1e} that no run has pointed at" in rare.getReason()
+    assert f"of probability below {bound:.1e} that no run has reached" in rare.getReason()
+    assert rare.getUnseenBound() == bound
     frequent = event(lambda u: 1.0 - u[:, 0])
     algorithm = ActiveSubspaceReliability(frequent)
     algorithm.run()
     assert algorithm.getResult().getProbabilityEstimate() > algorithm.getResult().getDiagnostics()["unseen bound"]
-    assert "pointed at" not in algorithm.getResult().getReason()
+    assert "excluded" not in algorithm.getResult().getReason()
+    assert algorithm.getResult().getUnseenBound() is None
 
 
-def systemOf(*limits, size=300, **attributes):
-    """An algorithm whose surrogate is that of a series system of so many normal variables with these limits."""
+def systemOf(*limits, size=300):
+    """A surrogate of a series system of so many normal variables with these limits."""
     u = np.random.default_rng(0).standard_normal((size, len(limits) + 1))
-    surrogate = LimitStateSurrogate(u, u[:, : len(limits)], lambda v: (np.array(limits) - v).min(axis=1), np.ones(size))
-    return bare(
-        surrogate=surrogate,
-        generator=np.random.default_rng(0),
-        limitState=SimpleNamespace(nonFiniteNumber=0),
-        **attributes,
-    )
+    return LimitStateSurrogate(u, u[:, : len(limits)], lambda v: (np.array(limits) - v).min(axis=1), np.ones(size))
+
+
+def modesOf(surrogate):
+    return fitModes(surrogate, np.random.default_rng(0))
+
+
+def proposalOf(surrogate):
+    return proposals.propose(surrogate, 0.05, np.random.default_rng(0), lambda failure: failure)
 
 
 @pytest.mark.parametrize("formula", ["sqrt(y)", "numpy"])
@@ -1144,35 +1161,35 @@ def test_a_composition_that_is_not_defined_where_a_surrogate_reaches_is_named(fo
 
 def test_each_mode_of_a_system_has_runs_in_proportion_to_its_probability():
     limits = np.array([2.5, 3.0, 3.5, 4.5])
-    algorithm = systemOf(*limits)
-    modes = algorithm._modes()
+    surrogate, generator = systemOf(*limits), np.random.default_rng(0)
+    modes = fitModes(surrogate, generator)
     shares = norm.sf(limits) / norm.sf(limits).sum()
     # One that the others hide gets a hundredth of the runs all the same.
     shares[3] = 0.01
     np.testing.assert_allclose(modes.shares, shares / shares.sum(), rtol=0.25)
     assert modes.shares.sum() == pytest.approx(1.0)
     for index, (basis, mixture) in enumerate(zip(modes.bases, modes.mixtures, strict=True)):
-        direction = algorithm._surrogate.directions @ basis
+        direction = surrogate.directions @ basis
         np.testing.assert_allclose(np.abs(direction[:, 0]), np.eye(5)[index], atol=1e-9)
         # Nine tenths of a mode's points are beyond or near its limit.
         y = mixture.sample(2000, np.random.default_rng(1)) * direction[index, 0]
         assert 0.6 < (y > limits[index] - 0.5).mean() < 0.95
-    proposal = algorithm._propose()
+    proposal = proposals.propose(surrogate, 0.05, generator, lambda failure: failure)
     assert proposal.probability == pytest.approx(1.0 - norm.cdf(limits).prod(), rel=0.05)
 
 
 @pytest.mark.parametrize(("number", "apart"), [(2, False), (3, False), (4, True)])
 def test_only_more_than_three_directions_are_searched_mode_by_mode(monkeypatch, number, apart):
     asked = []
-    monkeypatch.setattr(ActiveSubspaceReliability, "_modes", lambda self: asked.append(True))
-    assert systemOf(*[3.0] * number)._propose().probability == pytest.approx(number * norm.sf(3.0), rel=0.1)
+    monkeypatch.setattr(proposals, "fitModes", lambda surrogate, generator: asked.append(True))
+    assert proposalOf(systemOf(*[3.0] * number)).probability == pytest.approx(number * norm.sf(3.0), rel=0.1)
     assert bool(asked) == apart
 
 
 def test_components_that_fail_together_have_no_modes_of_their_own():
-    algorithm = systemOf(3.0, 3.0, 3.0, 3.0)
-    algorithm._surrogate.margin = lambda v: 4.0 - np.linalg.norm(v, axis=1)
-    assert algorithm._modes() is None
+    surrogate = systemOf(3.0, 3.0, 3.0, 3.0)
+    surrogate.margin = lambda v: 4.0 - np.linalg.norm(v, axis=1)
+    assert modesOf(surrogate) is None
 
 
 def learningBlocks(told, maximum=5000, mode="fast"):
@@ -1181,25 +1198,29 @@ def learningBlocks(told, maximum=5000, mode="fast"):
     200 runs are needed for failures; the last that is told stays.
     """
     blocks, degrees = [], []
-    algorithm = bare(blockSize=40, phases={"learning": 10}, generator=None)
-    algorithm.setMaximumEvaluations(maximum)
-    algorithm.setMode(mode)
+    run = bare(
+        phases={"learning": 10}, settings={"maximumEvaluations": maximum, "mode": mode}, blockSize=40, generator=None
+    )
 
     def current():
         return told[min(max(len(blocks) - 1, 0), len(told) - 1)]
 
     def evaluate(size, phase):
         blocks.append(size)
-        algorithm._phases[phase] += size
+        run.recorder.phases[phase] += size
 
-    algorithm._fit = lambda maximumDegree=4: degrees.append(maximumDegree)
-    algorithm._propose = lambda: proposal(probability=current()[0], exploration=None)
-    algorithm._drawRuns = lambda proposal, selection, size: (size, None, None)
-    algorithm._evaluate = evaluate
-    algorithm._calibrate = lambda runs: current()[2]
-    algorithm._runsNeeded = lambda proposal: current()[1]
-    algorithm._runsForFailures = lambda proposal: 200.0
-    found = algorithm._learn()
+    def propose():
+        probability, needed, _ = current()
+        return proposal(
+            probability, runsNeeded=lambda target: needed, runsForFailures=lambda: 200.0,
+            draw=lambda selection, size, generator: (size, None, None),
+        )  # fmt: skip
+
+    run._fit = lambda maximumDegree=4: degrees.append(maximumDegree)
+    run._propose = propose
+    run.recorder.evaluate = evaluate
+    run._calibrate = lambda runs: current()[2]
+    found = run._learn()
     assert found.probability == current()[0]
     assert blocks[:3] == [40] * len(blocks[:3])
     # Quartics through the first normal points would invent failures far out; points of subset simulation are there.
@@ -1239,8 +1260,8 @@ def handedOver(monkeypatch, *estimates, mode="fast", evaluations=1000):
         probability, variation, bound = left.pop(0)
         return SubsetEstimate(probability, variation, bound, evaluate(np.zeros((maximumEvaluations, dimension))))
 
-    monkeypatch.setattr(reliability, "runSubsetSimulation", simulation)
-    monkeypatch.setattr(ActiveSubspaceReliability, "_propose", lambda self: None)
+    monkeypatch.setattr(runs_of, "runSubsetSimulation", simulation)
+    monkeypatch.setattr(ReliabilityRun, "_propose", lambda self: None)
     _, result = sizesOfRuns(
         lambda u: 9.0 - u[:, 0],
         MaximumEvaluations=evaluations,
@@ -1270,6 +1291,8 @@ def test_what_subset_simulation_found_is_the_result_after_a_hand_over(monkeypatc
 def test_a_hand_over_that_finds_nothing_keeps_the_bound_of_the_normal_runs(monkeypatch):
     result = handedOver(monkeypatch, (0.0, math.inf, 1e-5))
     assert "found no failure before the evaluations ended, at a level of probability 1.0e-05" in result.getReason()
+    assert result.getLevelReached() == 1e-5
+    assert result.getEnding() is Ending.NO_FAILURE_REGION
     assert result.getProbabilityEstimate() == 0.0
     assert not result.getConverged()
     # Ten normal runs without failure.
@@ -1334,31 +1357,32 @@ def test_there_is_nothing_to_get_before_a_run():
 
 
 def test_a_run_hands_over_where_subset_simulation_would_be_more_exact(monkeypatch):
-    monkeypatch.setattr(ActiveSubspaceReliability, "_subsetIsBetter", lambda self, proposal, remaining: True)
+    monkeypatch.setattr(Proposal, "losesToSubsetSimulation", lambda self, remaining, target: True)
     _, result = sizesOfRuns(lambda u: 2.0 - u[:, 0], MaximumEvaluations=2000)
     assert "explains too little of the limit state" in result.getReason()
+    assert result.getEnding() is Ending.POOR_SURROGATE
+    assert result.getLevelReached() is None
     assert result.getMethod() == "SubsetSimulation"
     assert list(result.getPhases()) == ["learning", "subset simulation"]
 
 
 def test_modes_without_a_failure_region_are_left_out(monkeypatch):
-    algorithm = systemOf(3.0, 3.2, 40.0, 3.4)
-    assert len(algorithm._modes().shares) == 3
+    assert len(modesOf(systemOf(3.0, 3.2, 40.0, 3.4)).shares) == 3
     # A component that is constant has no direction to search along.
     u = np.random.default_rng(0).standard_normal((300, 6))
     values = np.column_stack([u[:, :3], np.ones(300)])
-    algorithm._surrogate = LimitStateSurrogate(u, values, lambda v: 3.0 - v.max(axis=1), np.ones(300))
-    algorithm._surrogate.groups = lambda generator: [[0], [1], [2], [3]]
-    assert len(algorithm._modes().shares) == 3
+    surrogate = LimitStateSurrogate(u, values, lambda v: 3.0 - v.max(axis=1), np.ones(300))
+    surrogate.groups = lambda generator: [[0], [1], [2], [3]]
+    assert len(modesOf(surrogate).shares) == 3
     # Nor is one whose region is not found.
-    found, fit = [], reliability.fitImportantRegion
+    found, fit = [], proposals.fitImportantRegion
 
     def missingTheFirst(*arguments, **options):
         found.append(fit(*arguments, **options) if found else None)
         return found[-1]
 
-    monkeypatch.setattr(reliability, "fitImportantRegion", missingTheFirst)
-    assert len(systemOf(3.0, 3.2, 3.3, 3.4)._modes().shares) == 3
+    monkeypatch.setattr(proposals, "fitImportantRegion", missingTheFirst)
+    assert len(modesOf(systemOf(3.0, 3.2, 3.3, 3.4)).shares) == 3
     assert len(found) == 4
 
 

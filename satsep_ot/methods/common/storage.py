@@ -155,14 +155,9 @@ def readResult(
     ValueError
         The file is not such a result.
     """
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            arrays = {name: archive[name] for name in archive.files}
-        document = json.loads(str(arrays.pop("document")))
-        if document.pop("format") != kind:
-            raise KeyError("format")
-    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ValueError(f"{path} holds no {kind.split()[0]} of this version, as its save() writes it") from error
+    document, arrays = _read(path)
+    if document.pop("format", None) != kind:
+        raise ValueError(f"{path} holds no {kind.split()[0]} of this version, as its save() writes it")
     fields = {}
     for name, value in document.items():
         if value == _ARRAY:
@@ -176,3 +171,19 @@ def readResult(
         else:
             fields[name] = value
     return fields
+
+
+def storedFormat(path: str | os.PathLike) -> str | None:
+    """What a file holds and in which version, as `writeResult` was told; None where it is no such file."""
+    return _read(path)[0].get("format")
+
+
+def _read(path):
+    """The document and the arrays of a file, both empty where it is none of `writeResult`."""
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in archive.files}
+        document = json.loads(str(arrays.pop("document")))
+    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile):
+        document, arrays = {}, {}
+    return (document, arrays) if isinstance(document, dict) else ({}, {})

@@ -1,11 +1,9 @@
-"""Sampling where a cheap score says that failures are, with exact weights, in a few active directions.
+"""Where the next true runs go, and with which weights.
 
-Two stages. A Gaussian mixture is fitted to the important region by the improved cross-entropy method (Papaioannou,
-Geyer and Straub, Reliability Engineering and System Safety 191, 2019); it costs cheap score evaluations only. A large
-pool is drawn from it, and the points of the expensive function are drawn from the pool with unequal probabilities. The
-Hansen-Hurwitz weights of that second draw (Saerndal, Swensson and Wretman, Model Assisted Survey Sampling, 1992,
-section 2.9) are exact whatever the shape of the selection function is, so no normalising constant has to be
-integrated.
+A large pool of points is drawn from a mixture that covers the important region, and the points of the expensive
+function are drawn from the pool with unequal probabilities. The Hansen-Hurwitz weights of that second draw (Saerndal,
+Swensson and Wretman, Model Assisted Survey Sampling, 1992, section 2.9) are exact whatever the shape of the selection
+function is, so no normalising constant has to be integrated.
 """
 
 import dataclasses
@@ -13,248 +11,28 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from scipy.special import log_ndtr
+from scipy.special import ndtr
 
-_LOG_2PI = math.log(2.0 * math.pi)
-# Share of the pool that is drawn from the standard normal itself, and from the widened mixture: they bound the weights.
-_NOMINAL_SHARE = 0.1
-_WIDE_SHARE = 0.15
-# Points of each level, and those that a mixture is fitted to.
-_LEARNING_POINTS, _FITTING_POINTS = 8000, 1200
-_BLOCK = 4096  # points
+from satsep_ot.methods.reliability.mixture import (
+    GaussianMixture,
+    ModeMixture,
+    fitImportantRegion,
+    normalLogDensity,
+)
+from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate
 
-
-def normalLogDensity(y: np.ndarray) -> np.ndarray:
-    """Logarithm of the standard normal density of the rows of y."""
-    return -0.5 * (y**2).sum(axis=1) - 0.5 * y.shape[1] * _LOG_2PI
-
-
-def _logSumExp(logs):
-    largest = logs.max(axis=1)
-    return largest + np.log(np.exp(logs - largest[:, None]).sum(axis=1))
-
-
-class GaussianMixture:
-    """Mixture of normal densities.
-
-    Parameters
-    ----------
-    weights : array (K,)
-        Positive, of sum 1.
-    means : array (K, k)
-    covariances : array (K, k, k)
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from satsep_ot.methods.reliability.proposal import GaussianMixture
-    >>> mixture = GaussianMixture(np.array([1.0]), np.zeros((1, 2)), np.eye(2)[None])
-    >>> round(float(mixture.logDensity(np.zeros((1, 2)))[0]), 6)
-    -1.837877
-    """
-
-    def __init__(self, weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> None:
-        self.weights = weights
-        self.means = means
-        self.factors = np.linalg.cholesky(covariances)
-        self._inverses = np.linalg.inv(self.factors)
-
-    def logComponents(self, y: np.ndarray) -> np.ndarray:
-        """Logarithms of weight times density, (n, K)."""
-        columns = []
-        for weight, mean, factor, inverse in zip(self.weights, self.means, self.factors, self._inverses, strict=True):
-            z = (y - mean) @ inverse.T
-            constant = math.log(weight) - np.log(np.diag(factor)).sum() - 0.5 * len(mean) * _LOG_2PI
-            columns.append(constant - 0.5 * np.einsum("ij,ij->i", z, z))
-        return np.column_stack(columns)
-
-    def logDensity(self, y: np.ndarray) -> np.ndarray:
-        """Logarithm of the density, (n,)."""
-        logs = np.empty(len(y))
-        # The components of all points at once can take hundreds of MiB.
-        for start in range(0, len(y), _BLOCK):
-            rows = slice(start, start + _BLOCK)
-            logs[rows] = _logSumExp(self.logComponents(y[rows]))
-        return logs
-
-    def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
-        """Independent points, (size, k)."""
-        which = generator.choice(len(self.weights), size=size, p=self.weights)
-        noise = generator.standard_normal((size, self.means.shape[1]))
-        return self.means[which] + np.einsum("nij,nj->ni", self.factors[which], noise)
-
-    def withDefence(self) -> "GaussianMixture":
-        """This mixture, a widened copy of it and the standard normal: no weight can be larger than 1 over its share."""
-        k = self.means.shape[1]
-        covariances = self.factors @ self.factors.transpose(0, 2, 1)
-        return GaussianMixture(
-            np.concatenate(
-                [
-                    (1.0 - _NOMINAL_SHARE - _WIDE_SHARE) * self.weights,
-                    _WIDE_SHARE * self.weights,
-                    [_NOMINAL_SHARE],
-                ]
-            ),
-            np.concatenate([self.means, self.means, np.zeros((1, k))]),
-            np.concatenate([covariances, 4.0 * covariances, np.eye(k)[None]]),
-        )
-
-
-@dataclasses.dataclass
-class ModeMixture:
-    """Mixtures in subspaces of their own, standard normal outside of these, with the density of them all.
-
-    Sampling from all modes and weighting by the density of the whole is the balance heuristic (Veach and Guibas,
-    SIGGRAPH 1995).
-
-    Attributes
-    ----------
-    shares : array (m,)
-        Of sum 1.
-    bases : list of array (k, r)
-        Orthonormal basis of each subspace.
-    mixtures : list of GaussianMixture
-        In r dimensions each.
-    """
-
-    shares: np.ndarray
-    bases: list[np.ndarray]
-    mixtures: list[GaussianMixture]
-
-    def logDensity(self, y: np.ndarray) -> np.ndarray:
-        """Logarithm of the density, (n,)."""
-        columns = []
-        for share, basis, mixture in zip(self.shares, self.bases, self.mixtures, strict=True):
-            z = y @ basis
-            columns.append(math.log(share) + mixture.logDensity(z) - normalLogDensity(z))
-        return normalLogDensity(y) + _logSumExp(np.column_stack(columns))
-
-    def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
-        """Independent points, (size, k)."""
-        which = generator.choice(len(self.shares), size=size, p=self.shares)
-        y = generator.standard_normal((size, len(self.bases[0])))
-        for index, (basis, mixture) in enumerate(zip(self.bases, self.mixtures, strict=True)):
-            rows = which == index
-            z = mixture.sample(int(np.count_nonzero(rows)), generator)
-            y[rows] += (z - y[rows] @ basis) @ basis.T
-        return y
-
-
-def fitGaussianMixture(
-    points: np.ndarray, generator: np.random.Generator, components: int | None = None, iterations: int = 20
-) -> GaussianMixture:
-    """Expectation-maximisation for equally weighted points (n, k); components that lose their points are dropped."""
-    n, k = points.shape
-    if components is None:
-        components = 3 if k == 1 else min(max(6, 2 + k), 12)
-    # Start from points far from each other (k-means++), moved to the centres of their clusters, so that each mode
-    # receives a component.
-    centres = points[[int(generator.integers(n))]]
-    distance = ((points - centres[0]) ** 2).sum(axis=1)
-    while len(centres) < components and distance.sum() > 0.0:
-        centres = np.vstack([centres, points[generator.choice(n, p=distance / distance.sum())]])
-        distance = np.minimum(distance, ((points - centres[-1]) ** 2).sum(axis=1))
-    for _ in range(10):
-        nearest = np.argmin((centres**2).sum(axis=1) - 2.0 * points @ centres.T, axis=1)
-        centres = np.array([points[nearest == j].mean(axis=0) for j in range(len(centres)) if (nearest == j).any()])
-    count = len(centres)
-    mixture = GaussianMixture(np.full(count, 1.0 / count), centres, np.repeat(np.eye(k)[None], count, axis=0))
-    earlier = -math.inf
-    for _ in range(iterations):
-        logs = mixture.logComponents(points)
-        density = _logSumExp(logs)
-        if density.mean() < earlier + 3e-3:
-            break
-        earlier = float(density.mean())
-        responsibility = np.exp(logs - density[:, None])
-        totals = responsibility.sum(axis=0)
-        kept = totals > 2.0 * (k + 1)
-        if not kept.any():
-            # Too many directions for the covariances of any cluster: the clusters themselves must do.
-            break
-        responsibility, totals = responsibility[:, kept], totals[kept]
-        means = (responsibility.T @ points) / totals[:, None]
-        covariances = np.empty((len(totals), k, k))
-        for index, mean in enumerate(means):
-            centred = points - mean
-            covariances[index] = (centred.T * responsibility[:, index]) @ centred
-            # Pseudo-observations of the standard normal, which is what most directions of a failure region follow:
-            # without them the noise of many covariances makes the weights degenerate.
-            prior = 0.02 * (k + 1) ** 2
-            covariances[index] += prior * np.eye(k)
-            covariances[index] /= totals[index] + prior
-        mixture = GaussianMixture(totals / totals.sum(), means, covariances)
-    return mixture
-
-
-def fitImportantRegion(
-    limitState: Callable,
-    dimension: int,
-    generator: np.random.Generator,
-    maximumLevels: int = 15,
-    size: int = _LEARNING_POINTS,
-) -> GaussianMixture | None:
-    """A mixture that covers the region where a cheap function says failure, weighted by the standard normal density.
-
-    Parameters
-    ----------
-    limitState : callable
-        Maps points (n, k) on pairs ``(value, scale)`` of arrays (n,): failure is value <= 0, known up to the scale.
-    dimension : int
-        k.
-    generator : :py:class:`numpy.random.Generator`
-    maximumLevels : int
-        Largest number of intermediate distributions.
-    size : int
-        Points of each of them.
-
-    Returns
-    -------
-    mixture : GaussianMixture or None
-        None when no failure region of any probability was reached.
-    """
-    mixture = GaussianMixture(np.ones(1), np.zeros((1, dimension)), np.eye(dimension)[None])
-    smoothing = math.inf
-    last = False
-    for level in range(maximumLevels):
-        # The closing level takes more points: those of large weight show the modes that the mixture lacks.
-        closing = last
-        y = mixture.sample(3 * size if closing else size, generator)
-        value, scale = limitState(y)
-        logWeight = normalLogDensity(y) - mixture.logDensity(y)
-        earlier, smoothing = smoothing, _nextSmoothing(logWeight, value, scale, smoothing)
-        # Where the mixture cannot follow the region any closer, what it reaches must do.
-        last = smoothing == 0.0 or smoothing > 0.9 * earlier or level >= maximumLevels - 2
-        # The uncertain band is part of the target: it is widened to twice the scale.
-        logTarget = logWeight + log_ndtr(-value / np.maximum(0.0 if last else smoothing, 2.0 * scale))
-        weight = np.exp(logTarget - logTarget.max())
-        if weight.sum() ** 2 / (weight**2).sum() < 4.0 * (dimension + 2):
-            return None
-        chosen = generator.choice(len(y), size=_FITTING_POINTS, p=weight / weight.sum())
-        mixture = fitGaussianMixture(y[chosen], generator).withDefence()
-        if closing:
-            break
-    return mixture
-
-
-def _nextSmoothing(logWeight, value, scale, largest):
-    """The smallest smoothing whose weights have a coefficient of variation of at most 2.5; 0 at the end."""
-
-    def variation(smoothing):
-        logTarget = logWeight + log_ndtr(-value / np.maximum(smoothing, 2.0 * scale))
-        weight = np.exp(logTarget - logTarget.max())
-        return weight.std() / weight.mean()
-
-    if variation(0.0) <= 2.5:
-        return 0.0
-    # A few points and digits do: the next level starts from its own.
-    logWeight, value, scale = logWeight[::4], value[::4], scale[::4]
-    upper = min(largest, 10.0 * float(np.abs(value).max()))
-    lower = 0.0
-    for _ in range(14):
-        middle = 0.5 * (lower + upper)
-        lower, upper = (lower, middle) if variation(middle) <= 2.5 else (middle, upper)
-    return upper
+# A polynomial that fails nowhere within six standard deviations has not seen the failures.
+_SMALLEST_PROBABILITY = 1e-10
+# Points that stand for the distribution of the active variables. So many times more are taken where their error would
+# be more than this share of the target.
+_POOL_SIZE, _LARGEST_POOL_FACTOR, _POOL_SHARE = 20_000, 25.0, 0.3
+# Up to so many active directions one mixture finds all modes by itself.
+_SINGLE_SPACE = 3
+# One mode alone is found with few points.
+_MODE_POINTS = 3000
+# More failures are planned than the stop needs: to stop where failures happened to be many, and to go on where they
+# happened to be few, would bias the estimate.
+_PLANNED_FAILURES = 100
 
 
 @dataclasses.dataclass
@@ -301,24 +79,138 @@ class Pool:
         return chosen, self.weights[chosen] / (len(probabilities) * probabilities[chosen])
 
 
-def paretoShape(weights: np.ndarray) -> float:
-    """Shape k of a generalised Pareto distribution fitted to the largest fifth of the weights.
+@dataclasses.dataclass
+class Proposal:
+    """Where the next true runs go, and what the surrogate says there.
 
-    By probability-weighted moments (Hosking and Wallis, Technometrics 1987). Above 0.7 the mean of the weights hardly
-    converges (Vehtari et al., Journal of Machine Learning Research 2024).
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from satsep_ot.methods.reliability.proposal import paretoShape
-    >>> round(paretoShape(np.ones(100)), 2)
-    0.0
+    Attributes
+    ----------
+    surrogate : LimitStateSurrogate
+    pool : Pool
+        Population of N points that the runs are drawn from.
+    failure : array (N,)
+        The surrogate's probability of failure at the points of the pool.
+    probability, poolVariance : float
+        The surrogate's probability of failure and the variance of its integration over the pool.
+    selection, exploration : array (N,)
+        Probabilities of the pool's points, for runs of the estimate and, wider, for runs to learn from.
     """
-    ordered = np.sort(weights)
-    tail = ordered[-max(len(ordered) // 5, min(len(ordered), 10)) :] - ordered[-max(len(ordered) // 5, 10) - 1 :][0]
-    mean = tail.mean()
-    if mean <= 1e-12 * max(abs(ordered[-1]), 1e-300):
-        return 0.0
-    n = len(tail)
-    first = float((tail * (n - 0.65 - np.arange(n)) / n).mean())
-    return float(2.0 - mean / (mean - 2.0 * first)) if mean > 2.0 * first else math.inf
+
+    surrogate: LimitStateSurrogate
+    pool: Pool
+    failure: np.ndarray
+    probability: float
+    poolVariance: float
+    selection: np.ndarray
+    exploration: np.ndarray
+
+    def draw(
+        self, selection: np.ndarray, size: int, generator: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points (size, d) of standard space, their positions in the pool and their weights."""
+        chosen, weights = self.pool.select(selection, size, generator)
+        return self.surrogate.expand(self.pool.points[chosen], generator), chosen, weights
+
+    def runVariance(self) -> float:
+        """Variance that one true run is expected to add to the correction."""
+        weights = self.pool.weights / (len(self.selection) * np.maximum(self.selection, 1e-300))
+        return float((self.selection * weights**2 * self.failure * (1.0 - self.failure)).sum())
+
+    def failureShare(self) -> float:
+        """Share of failures among the true runs, as the surrogate expects it."""
+        return float((self.selection * self.failure).sum())
+
+    def runsNeeded(self, target: float) -> float:
+        """Runs to this coefficient of variation, as far as the surrogate knows."""
+        allowed = (target * self.probability) ** 2 - self.poolVariance
+        return self.runVariance() / allowed if allowed > 0.0 else math.inf
+
+    def runsForFailures(self) -> float:
+        """Runs until as many have failed as are planned."""
+        return _PLANNED_FAILURES / max(self.failureShare(), 0.05)
+
+    def losesToSubsetSimulation(self, remaining: int, target: float) -> bool:
+        """Whether subset simulation would be more exact with the remaining runs, by its usual error (Au and Beck)."""
+        ours = math.sqrt(self.runVariance() / max(remaining, 1)) / self.probability
+        levels = max(-math.log10(min(self.probability, 0.1)), 1.0)
+        subset = levels * math.sqrt(9.0 * 3.0 * levels / max(remaining, 1))
+        return ours > max(subset, target)
+
+
+def propose(
+    surrogate: LimitStateSurrogate,
+    target: float,
+    generator: np.random.Generator,
+    withNonFinite: Callable[[np.ndarray], np.ndarray],
+) -> Proposal | None:
+    """Where to run next; None where the surrogate shows no failure region.
+
+    Parameters
+    ----------
+    surrogate : LimitStateSurrogate
+    target : float
+        Coefficient of variation that is wanted of the estimate.
+    generator : :py:class:`numpy.random.Generator`
+    withNonFinite : callable
+        Corrects the surrogate's probabilities of failure (n,) for runs without a finite value.
+    """
+    k = surrogate.dimension()
+    if k == 0:
+        return None
+    mixture = fitModes(surrogate, generator) if k > _SINGLE_SPACE and not surrogate.radial else None
+    if mixture is None:
+        mixture = fitImportantRegion(lambda y: surrogate.limitState(y, exact=False), k, generator)
+    if mixture is None:
+        return None
+    factor = 1.0
+    while True:
+        pool = Pool.draw(mixture, int(factor * _POOL_SIZE), generator)
+        value, scale = surrogate.limitState(pool.points)
+        failure = withNonFinite(ndtr(-value / scale))
+        probability, variance = pool.expectation(failure)
+        if probability < _SMALLEST_PROBABILITY:
+            return None
+        missing = variance / (_POOL_SHARE * target * probability) ** 2
+        if missing <= 1.0 or factor == _LARGEST_POOL_FACTOR:
+            break
+        factor = min(1.2 * missing * factor, _LARGEST_POOL_FACTOR)
+
+    def band(width):
+        share = ndtr(-value / (width * scale))
+        return np.sqrt(share * (1.0 - share))
+
+    nominal = np.ones(len(value))
+    near, far = band(4.0), band(12.0)
+    selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
+    exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
+    return Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
+
+
+def fitModes(surrogate: LimitStateSurrogate, generator: np.random.Generator) -> ModeMixture | None:
+    """A mixture for each group of components that fail together, in their own subspace; None where there is a single
+    group.
+
+    One mixture in the many directions of all components together is too poor to be sampled from.
+    """
+    groups = surrogate.groups(generator)
+    mixtures, bases, shares = [], [], []
+    for group in groups if len(groups) > 1 else []:
+        part = surrogate.restricted(group)
+        k = part.dimension()
+        if k == 0:
+            continue
+        mixture = fitImportantRegion(
+            lambda y, part=part: part.limitState(y, exact=False), k, generator, size=_MODE_POINTS
+        )
+        if mixture is None:
+            continue
+        pool = Pool.draw(mixture, _POOL_SIZE // 20, generator)
+        value, scale = part.limitState(pool.points, exact=False)
+        mixtures.append(mixture)
+        bases.append(surrogate.directions.T @ part.directions)
+        shares.append(pool.expectation(ndtr(-value / scale))[0])
+    if not sum(shares) > 0.0:
+        return None
+    # A mode that the others hide at the typical values still gets runs.
+    shares = np.maximum(np.array(shares) / sum(shares), 0.01)
+    return ModeMixture(shares / shares.sum(), bases, mixtures)

@@ -8,6 +8,7 @@ Mathematics and Computers in Simulation 28, 1986).
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import openturns as ot
@@ -37,7 +38,7 @@ class FailureSample:
         Physical inputs.
     weights : array (n,)
         May be negative: a control variate is subtracted where the truth is added.
-    expected : array (n,)
+    leastVariances : array (n,)
         Smallest variance of each point's weight; 0 where the sample's own variance says all.
     groups : array (n,) of int
     inflation : array (g,)
@@ -61,7 +62,7 @@ class FailureSample:
 
     x: np.ndarray
     weights: np.ndarray
-    expected: np.ndarray
+    leastVariances: np.ndarray
     groups: np.ndarray
     inflation: np.ndarray
     common: np.ndarray
@@ -69,12 +70,37 @@ class FailureSample:
     ratios: np.ndarray
 
     @staticmethod
+    def ofGroup(
+        x: np.ndarray,
+        weights: np.ndarray,
+        leastVariances: np.ndarray,
+        failed: np.ndarray,
+        ratios: np.ndarray,
+        inflation: float = 1.0,
+        common: float = 0.0,
+    ) -> "FailureSample":
+        """A sample of one group."""
+        groups = np.zeros(len(x), dtype=int)
+        return FailureSample(
+            x, weights, leastVariances, groups, np.array([inflation]), np.array([common]), failed, ratios
+        )
+
+    @staticmethod
     def ofMonteCarlo(x: np.ndarray, failed: np.ndarray) -> "FailureSample":
         """The sample of runs drawn from the inputs' own distribution."""
         n = len(x)
-        return FailureSample(
-            x, failed / n, np.zeros(n), np.zeros(n, dtype=int), np.ones(1), np.zeros(1), failed, np.ones(n)
-        )
+        return FailureSample.ofGroup(x, failed / n, np.zeros(n), failed, np.ones(n))
+
+    @staticmethod
+    def union(parts: Sequence["FailureSample"]) -> "FailureSample":
+        """The groups of all parts, whose weights add up."""
+        joined = {
+            field.name: np.concatenate([getattr(part, field.name) for part in parts])
+            for field in dataclasses.fields(FailureSample)
+        }
+        first = np.cumsum([0] + [len(part.inflation) for part in parts])
+        joined["groups"] = np.concatenate([part.groups + start for part, start in zip(parts, first, strict=False)])
+        return FailureSample(**joined)
 
     def expectation(self, h: np.ndarray) -> tuple[float, float, float]:
         """Estimate of ``E[1_F h(X)]``, its variance, and the degrees of freedom of that (Satterthwaite).
@@ -86,20 +112,20 @@ class FailureSample:
         """
         terms = self.weights * h
         variance, contributions = 0.0, []
-        expected = self.expected * h**2
+        least = self.leastVariances * h**2
         observed = 0.0
         for group, (inflation, common) in enumerate(zip(self.inflation, self.common, strict=True)):
             rows = self.groups == group
             size = np.count_nonzero(rows)
             squares = (terms[rows] - terms[rows].mean()) ** 2 * size / max(size - 1, 1)
-            contributions.append(squares + expected[rows])
-            if expected[rows].any():
+            contributions.append(squares + least[rows])
+            if least[rows].any():
                 observed += float(squares.sum())
             else:
                 variance += inflation * float(squares.sum())
             variance += common * float(terms[rows].sum()) ** 2
         # Runs that happened to agree with the surrogate do not make it more certain than it said that it was.
-        variance += max(observed, float(expected.sum()))
+        variance += max(observed, float(least.sum()))
         contributions = np.concatenate(contributions)
         squared = float((contributions**2).sum())
         freedom = max(float(contributions.sum()) ** 2 / squared, 1.0) if squared > 0.0 else math.inf

@@ -1,0 +1,125 @@
+"""True runs made in blocks and kept, whatever algorithm asks for them."""
+
+import numpy as np
+
+from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
+from satsep_ot.methods.reliability.settings import ReliabilitySettings
+from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
+
+
+class Stopped(Exception):
+    """The stop callback asked to end."""
+
+
+class RunRecorder:
+    """Makes true runs in blocks, counts them by phase, keeps them, and serves the callbacks after each block.
+
+    Parameters
+    ----------
+    limitState : LimitStateEvent
+    settings : ReliabilitySettings
+    generator : :py:class:`numpy.random.Generator`
+
+    Attributes
+    ----------
+    blocks : list of Runs
+        All true runs, block by block.
+    nominal : list of Runs
+        Those of them that are draws of the inputs' own distribution, whatever earlier runs gave: a crude Monte Carlo
+        sample, which bounds what was not seen.
+    phases : dict of str to int
+        Evaluations of each phase.
+    """
+
+    def __init__(
+        self, limitState: LimitStateEvent, settings: ReliabilitySettings, generator: np.random.Generator
+    ) -> None:
+        self._limitState = limitState
+        self._settings = settings
+        self._generator = generator
+        self.blocks: list[Runs] = []
+        self.nominal: list[Runs] = []
+        self.phases: dict[str, int] = {}
+
+    def __len__(self) -> int:
+        return sum(map(len, self.blocks))
+
+    def used(self) -> int:
+        """Evaluations of all phases."""
+        return sum(self.phases.values())
+
+    def remaining(self) -> int:
+        """Evaluations that are left."""
+        return self._settings.maximumEvaluations - self.used()
+
+    def runs(self) -> Runs:
+        """All true runs in their order."""
+        return Runs.concatenate(self.blocks)
+
+    def failures(self, phase: str | None = None) -> int:
+        """Number of failed runs, of all phases or of one."""
+        return sum(
+            int(part.failed[slice(None) if phase is None else part.phases == phase].sum()) for part in self.blocks
+        )
+
+    def evaluate(self, u: np.ndarray, phase: str) -> Runs:
+        """True runs at points (n, d) of standard space.
+
+        Raises
+        ------
+        ValueError
+            An output is not finite, and the policy is to raise.
+        RuntimeError
+            The function failed; the message says in which phase and how many runs are kept.
+        Stopped
+            The stop callback asked for it; the runs are kept.
+        """
+        runs = self._make(u, phase)
+        self._serveCallbacks()
+        return runs
+
+    def evaluateNominal(self, size: int, phase: str) -> Runs:
+        """So many true runs drawn from the distribution of the inputs itself."""
+        runs = self._make(self._generator.standard_normal((size, self._limitState.dimension)), phase)
+        self.nominal.append(runs)
+        self._serveCallbacks()
+        return runs
+
+    def checkComposition(self, runs: Runs) -> None:
+        """Compare the composition of one of these runs with the event's own function, which is an evaluation more.
+
+        Raises
+        ------
+        ValueError
+            They differ.
+        """
+        if runs.finite.any():
+            row = int(np.argmax(runs.finite))
+            spread = float(np.ptp(runs.margins[runs.finite]))
+            checked = self._limitState.checkComposition(runs.x[row], runs.margins[row], spread)
+            if checked:
+                self.phases["composition check"] = checked
+
+    def _make(self, u, phase):
+        try:
+            runs = self._limitState.evaluate(u, phase)
+        except ValueError:
+            raise
+        except Exception as error:
+            raiseInterrupt(error)
+            kept = len(self)
+            before = f"getRuns() still has the {kept} runs before it" if kept else "no run before it is there to keep"
+            raise RuntimeError(
+                f"the function failed in the phase {phase!r}, in a block of {len(u)} runs of which none is kept; "
+                f"{before}: {errorMessage(error)}"
+            ) from error
+        self.blocks.append(runs)
+        self.phases[phase] = self.phases.get(phase, 0) + len(runs)
+        return runs
+
+    def _serveCallbacks(self):
+        settings = self._settings
+        if settings.progressCallback is not None:
+            settings.progressCallback(100.0 * self.used() / settings.maximumEvaluations)
+        if settings.stopCallback is not None and settings.stopCallback():
+            raise Stopped

@@ -1,0 +1,24 @@
+"""What a user chooses of an `ActiveSubspaceReliability`, as one record that its run is given."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import openturns as ot
+
+MODES = ("fast", "safe")
+
+
+@dataclasses.dataclass
+class ReliabilitySettings:
+    """Settings of one run, checked by the setters of `ActiveSubspaceReliability`, which describe them."""
+
+    function: ot.Function | None = None
+    composition: ot.Function | None = None
+    smoothIndices: Sequence[int] | None = None
+    surrogateComposition: ot.Function | None = None
+    targetCoefficientOfVariation: float = 0.05
+    maximumEvaluations: int = 5000
+    mode: str = "fast"
+    nonFinitePolicy: str = "raise"
+    progressCallback: Callable[[float], None] | None = None
+    stopCallback: Callable[[], bool] | None = None
