@@ -8,8 +8,8 @@ import matplotlib.image
 import pytest
 
 from satsep_ot.cli import main
+from satsep_ot.methods.comparison.approximations import FORM
 from satsep_ot.methods.comparison.benchmark import ReliabilityBenchmark
-from satsep_ot.methods.comparison.methods import FORM
 from satsep_ot.studies import method_benchmark
 from satsep_ot.studies.method_benchmark import (
     REFERENCE_IMPORTANCE,

@@ -11,14 +11,12 @@ import openturns as ot
 import pytest
 from mischief import Twice
 
-from satsep_ot.methods.comparison.benchmark import (
-    BenchmarkRow,
-    BenchmarkTask,
-    ReliabilityBenchmark,
-    ReliabilityBenchmarkResult,
-)
-from satsep_ot.methods.comparison.methods import MonteCarlo, ReliabilityMethod, Row
+from satsep_ot.methods.comparison.benchmark import ReliabilityBenchmark
+from satsep_ot.methods.comparison.benchmark_result import BenchmarkRow, ReliabilityBenchmarkResult
+from satsep_ot.methods.comparison.method import ReliabilityMethod, Row
+from satsep_ot.methods.comparison.problem import BenchmarkTask
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+from satsep_ot.methods.comparison.simulations import MonteCarlo
 from satsep_ot.methods.parallel.executors import processes
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.parallel.scheduler import ChunkError

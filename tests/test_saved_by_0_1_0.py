@@ -14,10 +14,12 @@ import openturns as ot
 import pytest
 
 from satsep_ot import moved_modules
-from satsep_ot.methods.comparison.benchmark import BenchmarkTask, ReliabilityBenchmark
-from satsep_ot.methods.comparison.methods import MonteCarlo
+from satsep_ot.methods.comparison.benchmark import ReliabilityBenchmark
+from satsep_ot.methods.comparison.problem import BenchmarkTask
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem
+from satsep_ot.methods.comparison.simulations import MonteCarlo
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.reliability.outcome import Ending
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
@@ -53,6 +55,9 @@ def test_a_probability_is_loaded_with_all_that_it_answers():
     assert result.getPhases() == {"learning": 88, "estimation": 211}
     assert result.getConverged()
     assert result.getMethod() == "ActiveSubspace"
+    assert result.getEnding() is Ending.TARGET_REACHED
+    assert result.getUnseenBound() == result.getDiagnostics()["unseen bound"] == pytest.approx(3.0 / 29.1)
+    assert result.getReason().startswith("the target coefficient of variation, 0.5, was reached; a failure region")
     assert result.computeImportance()[0].share == pytest.approx(0.99053, abs=1e-5)
     assert result.getMetaModelResult().getMetaModel()([0.1, 0.2])[0] == pytest.approx(
         RIDGE([0.1, 0.2])[0] - 0.386, abs=1
@@ -62,18 +67,33 @@ def test_a_probability_is_loaded_with_all_that_it_answers():
 
 
 @pytest.mark.parametrize(
-    ("name", "method", "limits"),
+    ("name", "method", "ending", "level", "limits"),
     [
-        ("handed_over", "SubsetSimulation", ["0x1.b136fb2980e24p-20", "0x1.68f6d06572760p-11"]),
-        ("no_failure", "MonteCarlo", ["0x0.0p+0", "0x1.278ea5fe9584cp-4"]),
-        ("stopped", "MonteCarlo", ["0x0.0p+0", "0x1.3fd7198b97222p-2"]),
+        (
+            "handed_over",
+            "SubsetSimulation",
+            Ending.NO_FAILURE_REGION,
+            None,
+            ["0x1.b136fb2980e24p-20", "0x1.68f6d06572760p-11"],
+        ),
+        ("no_failure", "MonteCarlo", Ending.NO_FAILURE_REGION, 1e-6, ["0x0.0p+0", "0x1.278ea5fe9584cp-4"]),
+        ("stopped", "MonteCarlo", Ending.STOPPED, None, ["0x0.0p+0", "0x1.3fd7198b97222p-2"]),
     ],
 )
-def test_a_probability_is_loaded_however_its_run_ended(name, method, limits):
+def test_a_probability_is_loaded_however_its_run_ended(name, method, ending, level, limits, tmp_path):
     result = ActiveSubspaceReliabilityResult.load(SAVED / f"reliability_{name}.npz")
     assert result.getMethod() == method
+    assert result.getEnding() is ending
+    assert result.getLevelReached() == level
+    assert result.getUnseenBound() is None
     assert not result.getConverged()
     assert bounds(result) == limits
+    # Saved again it is a file of this version.
+    result.save(tmp_path / "again.npz")
+    again = ActiveSubspaceReliabilityResult.load(tmp_path / "again.npz")
+    assert bounds(again) == limits
+    assert again.getEnding() is ending
+    assert again.getReason() == result.getReason()
 
 
 def test_true_runs_are_loaded():
@@ -116,7 +136,11 @@ def test_a_benchmark_goes_on_from_its_file(tmp_path):
 
 def test_pickled_results_answer_as_before():
     assert unpickled("true_runs").computeProbability() == float.fromhex("0x1.5f14281fe55e8p-10")
-    assert hexadecimal(unpickled("reliability").getProbabilityEstimate()) == ["0x1.5f14281fe55e8p-10"]
+    probability = unpickled("reliability")
+    assert hexadecimal(probability.getProbabilityEstimate()) == ["0x1.5f14281fe55e8p-10"]
+    assert probability.getEnding() is Ending.EVALUATIONS_USED
+    assert probability.computeImportance()[0].input == "a"
+    assert probability.drawLimitState().getDrawables().getSize() == 3
     assert unpickled("regression").getMetaModel()([0.5, -0.5])[0] == pytest.approx(RIDGE([0.5, -0.5])[0], rel=1e-12)
     assert unpickled("ridge").getMetaModel()([0.5, -0.5])[0] == pytest.approx(0.4116279, rel=1e-6)
     assert hexadecimal(*unpickled("subspace").getEigenvalues()) == ["0x1.16868522fbaedp+0", "0x1.c92af210c378bp-12"]
@@ -155,6 +179,17 @@ def test_functions_in_an_openturns_study_are_evaluated(tmp_path):
     for name, function in zip(("parallel", "separation"), functions, strict=True):
         study.fillObject(name, function)
     check_functions(*functions)
+
+
+def test_a_result_of_another_version_is_refused_with_a_sentence(tmp_path):
+    path = tmp_path / "result.npz"
+    with np.load(SAVED / "reliability_stopped.npz", allow_pickle=False) as archive:
+        arrays = dict(archive)
+    document = json.loads(str(arrays.pop("document")))
+    document["format"] = "ActiveSubspaceReliabilityResult 2"
+    np.savez(path, document=np.array(json.dumps(document)), **arrays)
+    with pytest.raises(ValueError, match=r"result\.npz holds no ActiveSubspaceReliabilityResult of this version"):
+        ActiveSubspaceReliabilityResult.load(path)
 
 
 # Old names of modules. ------------------------------------------------------------------------------------------------

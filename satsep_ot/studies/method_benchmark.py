@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 from openturns.viewer import View
 
 from satsep_ot.methods.common.storage import writeWhole
-from satsep_ot.methods.comparison.benchmark import BenchmarkTask, ReliabilityBenchmark, ReliabilityBenchmarkResult
+from satsep_ot.methods.comparison.benchmark import ReliabilityBenchmark
+from satsep_ot.methods.comparison.benchmark_result import ReliabilityBenchmarkResult
+from satsep_ot.methods.comparison.problem import BenchmarkTask
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem, getBenchmarkProblemNames
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.results_directory import ResultsDirectory, package_versions

@@ -24,8 +24,10 @@ import openturns as ot
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.methods.common.storage import syncDirectory, writeWhole
-from satsep_ot.methods.comparison.comparison import METHODS, ReliabilityComparison, ReliabilityMethod
-from satsep_ot.methods.comparison.methods import ActiveSubspace
+from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
+from satsep_ot.methods.comparison.comparison import ReliabilityComparison
+from satsep_ot.methods.comparison.method import ReliabilityMethod
+from satsep_ot.methods.comparison.methods import METHODS
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns

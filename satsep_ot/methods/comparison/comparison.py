@@ -1,22 +1,15 @@
 """Run reliability methods on one event under the same accounting: evaluations, gradients, seconds, failures to run."""
 
-import csv
 import dataclasses
-import io
 import time
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.comparison.methods import (
-    METHODS,
-    CountedProblem,
-    MonteCarlo,
-    ReliabilityMethod,
-    Row,
-    makeMethod,
-)
+from satsep_ot.methods.common.tables import csvTable, markdownTable, textTable
+from satsep_ot.methods.comparison.method import CountedProblem, ReliabilityMethod, Row
+from satsep_ot.methods.comparison.methods import makeMethod
 from satsep_ot.methods.reliability.limit_state import Limit, checkedKind
 from satsep_ot.openturns_adapter import (
     Counter,
@@ -26,16 +19,6 @@ from satsep_ot.openturns_adapter import (
     eventKind,
     raiseInterrupt,
 )
-
-__all__ = [
-    "DEFAULT_METHODS",
-    "METHODS",
-    "MonteCarlo",
-    "ReliabilityComparison",
-    "ReliabilityComparisonResult",
-    "ReliabilityMethod",
-    "Row",
-]
 
 DEFAULT_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 
@@ -59,7 +42,8 @@ class ReliabilityComparison:
     Examples
     --------
     >>> import openturns as ot
-    >>> from satsep_ot.methods.comparison.comparison import MonteCarlo, ReliabilityComparison
+    >>> from satsep_ot.methods.comparison.comparison import ReliabilityComparison
+    >>> from satsep_ot.methods.comparison.simulations import MonteCarlo
     >>> vector = ot.CompositeRandomVector(ot.SymbolicFunction("x", "x"), ot.RandomVector(ot.Normal()))
     >>> event = ot.ThresholdEvent(vector, ot.Greater(), 2.0)
     >>> comparison = ReliabilityComparison(event, ["FORM", MonteCarlo(size=10000)])
@@ -196,7 +180,8 @@ class ReliabilityComparisonResult:
 
     Examples
     --------
-    >>> from satsep_ot.methods.comparison.comparison import ReliabilityComparisonResult, Row
+    >>> from satsep_ot.methods.comparison.comparison import ReliabilityComparisonResult
+    >>> from satsep_ot.methods.comparison.method import Row
     >>> result = ReliabilityComparisonResult([Row("FORM", 1e-3, evaluations=12, converged=True)])
     >>> print(result.toCSV().splitlines()[1])
     FORM,0.001,,,,12,0,0.0,True,
@@ -225,11 +210,7 @@ class ReliabilityComparisonResult:
 
     def toCSV(self) -> str:
         """The rows as comma-separated values with a header; what a method does not have is empty."""
-        stream = io.StringIO()
-        writer = csv.DictWriter(stream, [field.name for field in dataclasses.fields(Row)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(self.getTable())
-        return stream.getvalue()
+        return csvTable(self.getTable(), [field.name for field in dataclasses.fields(Row)])
 
     def toMarkdown(self) -> str:
         """The rows as a Markdown table."""
@@ -267,53 +248,3 @@ class ReliabilityComparisonResult:
                 graph.add(bar)
         graph.setLogScale(ot.GraphImplementation.LOGX)
         return graph
-
-
-def markdownTable(cells: list[list[str]], names: int) -> str:
-    """A Markdown table whose first columns are names and whose other columns are numbers.
-
-    Parameters
-    ----------
-    cells : list of rows of str
-        The first row is the header.
-    names : int
-        Number of columns that are aligned on the left.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.comparison import markdownTable
-    >>> print(markdownTable([["method", "runs"], ["FORM", "12"]], 1))
-    | method | runs |
-    | --- | ---: |
-    | FORM | 12 |
-    """
-    header, *rows = [[cell.replace("|", "\\|") for cell in row] for row in cells]
-    rule = "|" + " --- |" * names + " ---: |" * (len(header) - names)
-    return "\n".join([f"| {' | '.join(header)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
-
-
-def textTable(cells: list[list[str]], names: int) -> str:
-    """The same with columns that are aligned by spaces.
-
-    Parameters
-    ----------
-    cells : list of rows of str
-        The first row is the header.
-    names : int
-        Number of columns that are aligned on the left.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.comparison import textTable
-    >>> print(textTable([["method", "runs"], ["FORM", "12"]], 1))
-    method  runs
-    FORM      12
-    """
-    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
-    return "\n".join(
-        "  ".join(
-            text.ljust(width) if column < names else text.rjust(width)
-            for column, (text, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in cells
-    )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from satsep_ot.dynamics.quantities import Quantity
-from satsep_ot.methods.comparison.comparison import Row
+from satsep_ot.methods.comparison.method import Row
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult

@@ -1,0 +1,86 @@
+"""`ActiveSubspaceReliability` among the methods that are compared."""
+
+import math
+
+from satsep_ot.methods.comparison.method import CountedProblem, ReliabilityMethod, Row
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+
+
+class ActiveSubspace(ReliabilityMethod):
+    """`ActiveSubspaceReliability`, with the components of the comparison where there are any.
+
+    Parameters
+    ----------
+    targetCoefficientOfVariation : float
+    maximumEvaluations : int
+    mode : str
+        ``"fast"`` or ``"safe"``.
+
+    Notes
+    -----
+    `getLastResult` has all that the row does not.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
+    >>> ActiveSubspace(targetCoefficientOfVariation=0.1).name
+    'ActiveSubspace'
+    """
+
+    name = "ActiveSubspace"
+
+    def __init__(
+        self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 5000, mode: str = "fast"
+    ) -> None:
+        self.targetCoefficientOfVariation = targetCoefficientOfVariation
+        self.maximumEvaluations = maximumEvaluations
+        self.mode = mode
+        self._result: ActiveSubspaceReliabilityResult | None = None
+
+    def getLastResult(self) -> ActiveSubspaceReliabilityResult:
+        """The `ActiveSubspaceReliabilityResult` of the last run."""
+        if self._result is None:
+            raise RuntimeError("there is no result yet; a comparison has to run the method first")
+        return self._result
+
+    def run(self, problem: CountedProblem) -> Row:
+        algorithm = ActiveSubspaceReliability(problem.event)
+        if problem.components is not None:
+            algorithm.setComponents(*problem.components)
+        algorithm.setTargetCoefficientOfVariation(self.targetCoefficientOfVariation)
+        algorithm.setMaximumEvaluations(self.maximumEvaluations)
+        algorithm.setMode(self.mode)
+        percentage = [0.0]
+        algorithm.setProgressCallback(lambda value: percentage.__setitem__(0, value))
+        algorithm.setStopCallback(lambda: problem.report(percentage[0]))
+        algorithm.run()
+        self._result = result = algorithm.getResult()
+        interval = result.getConfidenceInterval(0.95)
+        variation = result.getCoefficientOfVariation()
+        return Row(
+            self.name,
+            result.getProbabilityEstimate(),
+            interval.getLowerBound()[0],
+            interval.getUpperBound()[0],
+            variation if math.isfinite(variation) else None,
+            converged=result.getConverged(),
+            note=result.getReason(),
+        )
+
+
+class SafeActiveSubspace(ActiveSubspace):
+    """`ActiveSubspace` in its mode ``"safe"``, which starts with a short subset simulation: for failure that nothing
+    near the mean points at.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.comparison.active_subspace import SafeActiveSubspace
+    >>> SafeActiveSubspace(maximumEvaluations=10000).mode
+    'safe'
+    """
+
+    name = "SafeActiveSubspace"
+
+    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 20_000) -> None:
+        super().__init__(targetCoefficientOfVariation, maximumEvaluations, "safe")
