@@ -88,23 +88,6 @@ def importance_shares(case: Case, result: ActiveSubspaceReliabilityResult) -> di
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
-def unseen_bound(result: ActiveSubspaceReliabilityResult) -> float | None:
-    """The probability that a failure region which no run has reached may have, as far as the runs themselves tell.
-
-    Parameters
-    ----------
-    result : :class:`satsep_ot.methods.reliability.result.ActiveSubspaceReliabilityResult`
-
-    Returns
-    -------
-    bound : float or None
-        None where the estimate needs no surrogate, or is so large that such a region does not matter to it.
-    """
-    bound = result.getDiagnostics().get("unseen bound")
-    needed = bound is not None and result.getSurrogateProbability() is not None
-    return bound if needed and result.getProbabilityEstimate() <= bound else None
-
-
 def scaled_distribution(case: Case, tolerance: str, scale: float) -> ot.JointDistribution:
     """The joint distribution of the inputs with the scatter of one tolerance scaled about its mean.
 

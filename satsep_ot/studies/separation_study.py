@@ -468,7 +468,7 @@ class SeparationStudy(DeprecatedAccessors):
         if self._directory is not None:
             result.save(self._directory.file("steps", names, ".npz"))
         self._keepRuns(names, lambda: result.getTrueRuns(self._outputDescription(requirement)))
-        return dataclasses.replace(estimate, unseen_bound=drivers.unseen_bound(result))
+        return dataclasses.replace(estimate, unseen_bound=result.getUnseenBound())
 
     def _outputDescription(self, requirement):
         function, _, _, _ = self._problem.getComponents(None if requirement == SYSTEM else requirement)

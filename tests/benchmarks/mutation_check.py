@@ -47,7 +47,7 @@ EQUIVALENT = {
         "ahead = self._evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -2)",
     ): "numpy takes every negative number for the one that is left",
     (
-        "methods/reliability/algorithm.py",
+        "methods/reliability/proposal.py",
         "pool = Pool.draw(mixture, _POOL_SIZE // 20, generator)",
         "pool = Pool.draw(mixture, _POOL_SIZE // 21, generator)",
     ): "how many points tell the share of a mode, for which some fewer do as well",
@@ -77,7 +77,7 @@ EQUIVALENT = {
         "lost = slack <= LOST_SLACK",
     ): "they differ where rounding decides anyhow",
     (
-        "methods/reliability/proposal.py",
+        "methods/reliability/mixture.py",
         "lower, upper = (lower, middle) if variation(middle) <= 2.5 else (middle, upper)",
         "lower, upper = (lower, middle) if variation(middle) < 2.5 else (middle, upper)",
     ): "they differ where rounding decides anyhow",
