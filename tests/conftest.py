@@ -1,6 +1,10 @@
 """What all tests need of their process."""
 
+import os
 import signal
+
+# Before numpy is loaded. Matrices in tests are small: several threads wait for each other longer than they compute.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_configure():
