@@ -80,7 +80,7 @@ def test_the_answer_comes_first_and_in_words(page, results):
 def test_sections_come_in_the_order_of_a_reviewers_questions(page):
     headings = re.findall(r"<h2>(.*?)</h2>", page)
     assert headings == [
-        "The answer", "What drives it", "Which tolerance to tighten, and what that buys",
+        "The answer", "What drives it", "Which tolerance to tighten, and the effect",
         "The nominal separation and the most likely violation", "Distributions of the quantities",
         "Active subspace and quality of the surrogates", "The same probability by several methods",
         "Assumptions and limits", "To repeat it",
@@ -141,7 +141,7 @@ def test_what_a_surrogate_may_have_missed_is_told_once(page, results):
     assert all(probability_text(bound) in told for bound in bounds)
     assert "its 5,000 runs reach, with 95 % confidence, every failure region of a probability above 6e-4." in told
     met = next(verdict for verdict in results["verdicts"] if verdict["status"] == "met")
-    assert "The 5,000 runs of MonteCarlo, which needs no surrogate, bound it by" in met["sentence"]
+    assert "The 5,000 runs of MonteCarlo, which needs no surrogate, bound the probability by" in met["sentence"]
 
 
 def test_why_an_estimate_with_half_a_tolerance_ended_is_told(page, results):

@@ -15,8 +15,9 @@ from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.drivers import scaled_case
 from satsep_ot.studies.results_directory import DirectoryError
+from satsep_ot.studies.sample import BLOCK
 from satsep_ot.studies.separation_study import SeparationStudy
-from satsep_ot.studies.study_runs import BLOCK, list_runs, load_runs
+from satsep_ot.studies.study_runs import list_runs, load_runs
 from satsep_ot.studies.telling.results import HalvedTolerance
 from satsep_ot.studies.telling.tables import tightened_lines
 
@@ -196,7 +197,7 @@ def test_another_case_is_refused_and_the_same_in_other_words_continued(directory
 def test_a_sample_that_is_too_large_to_be_kept_gives_the_same(monkeypatch, tmp_path):
     whole = SeparationStudy(problem(), ["MonteCarlo"], 3, SIZE)
     whole.computeSample()
-    monkeypatch.setattr("satsep_ot.studies.separation_study._LARGEST_SAMPLE_FILE", SIZE - 1)
+    monkeypatch.setattr("satsep_ot.studies.sample.LARGEST_FILE", SIZE - 1)
     part = SeparationStudy(problem(), ["MonteCarlo"], 3, SIZE)
     part.setDirectory(tmp_path)
     part.computeSample()

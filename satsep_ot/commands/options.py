@@ -1,7 +1,7 @@
 """Options that several commands have, and the values that they take."""
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from importlib.util import find_spec
@@ -96,8 +96,8 @@ def add_worker_options(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 @contextmanager
-def executor(options: argparse.Namespace) -> Iterator[Executor | None]:
-    """What makes the runs: processes, a Dask cluster, or (None) this process."""
+def executor(options: argparse.Namespace) -> Iterator[Executor | Callable[[], Executor] | None]:
+    """What makes the runs: processes, which a callable starts, a Dask cluster, or (None) this process."""
     if options.dask is None:
         from satsep_ot.methods.parallel.executors import processes
 

@@ -35,7 +35,7 @@ def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
     >>> len(tolerances(load_case("reference"))), len(tolerances(load_case("reference"))["stiffness"])
     (23, 4)
     """
-    rows = {}
+    rows: dict[str, list[UncertainInput]] = {}
     for row in case.inputs:
         rows.setdefault(row.entry or row.name, []).append(row)
     return rows

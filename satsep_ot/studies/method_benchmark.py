@@ -4,6 +4,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -218,7 +219,7 @@ def save_benchmark(result: ReliabilityBenchmarkResult, directory: str | os.PathL
         "benchmark.json": f"{json.dumps(result.getTable(), indent=2, allow_nan=False)}\n".encode(),
     }
     directory = Path(directory)
-    paths = [writeWhole(directory / name, lambda stream, text=text: stream.write(text)) for name, text in texts.items()]
+    paths = [writeWhole(directory / name, partial(_write, text)) for name, text in texts.items()]
     if not drawn:
         return paths
     height = max(2.0 + 0.35 * len({row.problem for row in result.getRows()}), 4.5)
@@ -228,8 +229,12 @@ def save_benchmark(result: ReliabilityBenchmarkResult, directory: str | os.PathL
             continue
         figure = Figure(figsize=(9.0, size))
         View(graph, figure=figure)
-        paths.append(writeWhole(directory / name, lambda stream, figure=figure: _save(figure, stream)))
+        paths.append(writeWhole(directory / name, partial(_save, figure)))
     return paths
+
+
+def _write(text, stream):
+    stream.write(text)
 
 
 def _save(figure, stream):

@@ -12,7 +12,6 @@ import math
 import os
 import platform
 import tempfile
-import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -23,28 +22,25 @@ import openturns as ot
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.intervals import clopperPearson
-from satsep_ot.methods.common.storage import syncDirectory, writeWhole
+from satsep_ot.methods.common.storage import writeWhole
 from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
 from satsep_ot.methods.comparison.comparison import ReliabilityComparison
 from satsep_ot.methods.comparison.method import ReliabilityMethod
 from satsep_ot.methods.comparison.methods import METHODS
-from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
-from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt, toXML
+from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 from satsep_ot.studies import drivers
 from satsep_ot.studies.deprecated_accessors import DeprecatedAccessors
 from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
-from satsep_ot.studies.study_runs import BLOCK, SampleLimit, SampleSummary, inputs_digest, sample_inputs
-from satsep_ot.studies.surrogates import fit_component, sample_surrogates
+from satsep_ot.studies.sample import SampleSummary, run_sample, sample_inputs
+from satsep_ot.studies.surrogates import fit_component, sample_gradients, sample_surrogates
 from satsep_ot.studies.telling.animation import animation_data
 from satsep_ot.studies.telling.document import partial_document, results_document
-from satsep_ot.studies.telling.figures import save_figure
 from satsep_ot.studies.telling.panels import StudyRuns, study_panels
 from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import assumptions
@@ -74,8 +70,6 @@ _WRITTEN = (
 )  # fmt: skip
 # Runs of the sample that densities are drawn from, and as many runs of the surrogates.
 _DRAWN = 200_000
-# The outputs of so many runs of the sample are kept in a file: about 100 bytes a run.
-_LARGEST_SAMPLE_FILE = 10_000_000
 # A tolerance with a smaller share in the violations is not tightened.
 _SMALLEST_SHARE = 0.01
 # Where each step of a study begins, as a share of the whole.
@@ -156,7 +150,7 @@ class SeparationStudy(DeprecatedAccessors):
         self._names = [*problem.getRequirementNames(), SYSTEM]
         self._progress: Callable[[str, float], None] = lambda label, share: None
         self._directory: ResultsDirectory | None = None
-        self._executor: Executor | None = None
+        self._executor: Executor | Callable[[], Executor] | None = None
         self._sample: np.ndarray | None = None
         self._summary: SampleSummary | None = None
         self._components: dict[str, Component] = {}
@@ -235,7 +229,7 @@ class SeparationStudy(DeprecatedAccessors):
         """Whether a path is that of the study's directory."""
         return self._directory is not None and self._directory.path.resolve() == Path(directory).resolve()
 
-    def setExecutor(self, executor: Executor | None) -> None:
+    def setExecutor(self, executor: Executor | Callable[[], Executor] | None) -> None:
         """What runs the Monte Carlo sample, as for
         :class:`satsep_ot.methods.parallel.monte_carlo_stream.MonteCarloStream`.
 
@@ -307,57 +301,19 @@ class SeparationStudy(DeprecatedAccessors):
                 self._sample = SeparationFunction(self._problem.getCase()).evaluate(inputs)
 
     def _runSample(self, path):
-        """Make the runs, with the outputs in a file, and say what they gave."""
+        checkpoint = None
         if self._directory is not None:
             # From here on results.json says that the study is not complete.
             self.saveRows()
-        self._progress("compiling the simulator, once", 0.0)
-        case, distribution = self._problem.getCase(), self._problem.getDistribution()
-        model = SeparationFunction(case)
-        model.evaluate([distribution.getMean()])
-        stream = MonteCarloStream(model, distribution, self._sampleSize)
-        stream.setEvents(
-            {
-                entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit)
-                for entry in self._problem.getRequirements()
-            }
-        )
-        stream.setBlockSize(BLOCK)
-        stream.setExecutor(self._executor)
-        if self._sampleSize <= _LARGEST_SAMPLE_FILE:
-            stream.setOutputFile(path)
-        if self._directory is not None:
-            stream.setCheckpointFile(self._directory.file("steps", ["sample"], ".checkpoint"))
-        label = f"{self._sampleSize:,} Monte Carlo runs"
-        stream.setProgressCallback(lambda percentage: self._progress(label, 0.01 * percentage * _SUBSPACES_BEGIN))
-        self._progress(label, 0.0)
-        begin = time.perf_counter()
-        self._start("sample")
-        # The number that the stream, too, begins with.
-        seed = ot.RandomGenerator.IntegerGenerate(2**31 - 1)
-        self._start("sample")
-        stream.run()
-        result = stream.getResult()
-        if self._directory is not None:
-            # The file has its name before the step is called finished.
-            syncDirectory(path.parent)
-        columns = list(quantity_table(case.separation))
-        return SampleSummary(
-            seconds=time.perf_counter() - begin,
-            size=self._sampleSize,
-            seed=seed,
-            first_block=inputs_digest(sample_inputs(distribution, seed, self._sampleSize, BLOCK)),
-            distribution=toXML(distribution),
-            mean=tuple(result.getMean()),
-            deviation=tuple(result.getStandardDeviation()),
-            violations={name: result.getEventNumber(name) for name in self._problem.getRequirementNames()}
-            | {SYSTEM: result.getEventNumber()},
-            limits={
-                entry.name: SampleLimit(columns.index(entry.quantity), entry.is_maximum, entry.limit)
-                for entry in self._problem.getRequirements()
-            },
-            inputs=tuple(model.getInputDescription()),
-            outputs=tuple(model.getOutputDescription()),
+            checkpoint = self._directory.file("steps", ["sample"], ".checkpoint")
+        return run_sample(
+            self._problem,
+            self._sampleSize,
+            lambda: self._start("sample"),
+            path,
+            checkpoint,
+            self._executor,
+            lambda label, share: self._progress(label, share * _SUBSPACES_BEGIN),
         )
 
     def computeSubspaces(self) -> None:
@@ -375,15 +331,9 @@ class SeparationStudy(DeprecatedAccessors):
                 self._components[name] = component
 
     def _runGradients(self, names, distribution):
-        model = SeparationFunction(self._problem.getCase(), quantities=names)
         self._start("subspaces")
-        algorithm = ActiveSubspaceAlgorithm(model, distribution)
-        algorithm.setSamplingSize(self._gradientSize)
-        # Only its gradients are wanted, not a subspace of all components together.
-        algorithm.setBootstrapSize(2)
-        algorithm.run()
-        found = algorithm.getResult()
-        points, values = np.array(found.getStandardSample()), np.array(found.getOutputSample())
+        model = SeparationFunction(self._problem.getCase(), quantities=names)
+        points, values, gradients = sample_gradients(model, distribution, self._gradientSize)
         inputs = np.array(distribution.getInverseIsoProbabilisticTransformation()(ot.Sample(points)))
         labels = model.getInputDescription(), model.getOutputDescription()
         self._keepRuns(
@@ -392,8 +342,7 @@ class SeparationStudy(DeprecatedAccessors):
                 inputs, values, np.zeros(len(inputs), dtype=bool), *labels, phase="gradients", weight=np.nan
             ),
         )
-        arrays = {"points": points, "values": values, "gradients": found.getGradientSample()}
-        return {name: array.tolist() for name, array in arrays.items()}
+        return {"points": points.tolist(), "values": values.tolist(), "gradients": gradients.tolist()}
 
     def compareMethods(self) -> None:
         """Run the methods on each requirement."""
@@ -659,20 +608,20 @@ class SeparationStudy(DeprecatedAccessors):
         """
         if not self._complete:
             raise RuntimeError("the study has not run to its end: call run() first, or saveRows() for what there is")
-        self._takeDirectory(directory)
+        taken = self._takeDirectory(directory)
         result, paths, entries = self.getResult(), [], []
         for panel in study_panels(result, self._drawnRuns()):
-            path = self._directory.folder("figures") / (file_stem([panel.section, panel.name]) + ".svg")
-            paths.append(writeWhole(path, lambda stream, figure=panel.figure: save_figure(figure, stream, "svg")))
+            path = taken.folder("figures") / (file_stem([panel.section, panel.name]) + ".svg")
+            paths.append(writeWhole(path, panel.write))
             entries.append(FigureFile(panel.section, panel.name, panel.text, path.name))
         case = self._problem.getCase()
         runs = {"nominal": case.separation.parameters()}
         for name, violation in self._violations.items():
             runs[name] = drivers.run_parameters(case, violation.inputs)
         motion = json.dumps(animation_data(case.separation, runs), allow_nan=False) + "\n"
-        paths.append(self._directory.writeText("motion.json", motion))
-        paths.append(self._writeResults(results_document(dataclasses.replace(result, figures=tuple(entries)))))
-        return [*paths[::-1], write_report(self._directory.path)]
+        paths.append(taken.writeText("motion.json", motion))
+        paths.append(_writeResults(taken, results_document(dataclasses.replace(result, figures=tuple(entries)))))
+        return [*paths[::-1], write_report(taken.path)]
 
     def _drawnRuns(self):
         """What the figures are drawn from."""
@@ -692,17 +641,20 @@ class SeparationStudy(DeprecatedAccessors):
         -------
         path : :class:`pathlib.Path`
         """
-        self._takeDirectory(directory)
-        return self._writeResults(partial_document(self._problem.getCase().name, self._seed, self._rows))
+        document = partial_document(self._problem.getCase().name, self._seed, self._rows)
+        return _writeResults(self._takeDirectory(directory), document)
 
-    def _takeDirectory(self, directory):
-        if self._directory is None and directory is None:
-            raise ValueError("there is no directory to write to; give one, or call setDirectory() before run()")
+    def _takeDirectory(self, directory: str | os.PathLike | None) -> ResultsDirectory:
+        """The directory to write to."""
         if directory is not None and not self._isHere(directory):
             self.setDirectory(directory)
+        if self._directory is None:
+            raise ValueError("there is no directory to write to; give one, or call setDirectory() before run()")
+        return self._directory
 
-    def _writeResults(self, results):
-        return self._directory.writeText("results.json", json.dumps(results, indent=2, allow_nan=False) + "\n")
+
+def _writeResults(directory, document):
+    return directory.writeText("results.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
 
 
 def _unweighted(phase, event, parts):

@@ -1,85 +1,18 @@
 """The true runs that a study has kept in its directory, loaded again."""
 
-import dataclasses
-import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.openturns_adapter import fromXML
-from satsep_ot.studies.telling.plain_data import dataclass_from_plain, from_plain
+from satsep_ot.studies.sample import BLOCK, SampleSummary, inputs_digest, sample_inputs
+from satsep_ot.studies.telling.plain_data import from_plain
 
-# Runs of the Monte Carlo sample that are drawn from one seed.
-BLOCK = 1024
 SAMPLE = "sample"
-
-
-@dataclasses.dataclass(frozen=True)
-class SampleLimit:
-    """A requirement as the sample sees it: the column of its quantity, and the limit."""
-
-    column: int
-    is_maximum: bool
-    limit: float
-
-    def violated(self, outputs: np.ndarray) -> np.ndarray:
-        """Whether each of the outputs (n, q) violates it, shape (n,)."""
-        values = outputs[:, self.column]
-        return values > self.limit if self.is_maximum else values < self.limit
-
-
-@dataclasses.dataclass(frozen=True)
-class SampleSummary:
-    """What the Monte Carlo sample of a study gave, and what its inputs can be drawn again from.
-
-    Attributes
-    ----------
-    seconds : float
-        That the runs took.
-    size, seed : int
-        Number of runs; seed of the first block.
-    first_block : str
-        Digest of the inputs of the first block.
-    distribution : str
-        Of the inputs, as XML.
-    mean, deviation : tuple of float
-        Of each output.
-    violations : dict of str to int
-        Runs that violate each requirement, and any of them.
-    limits : dict of str to SampleLimit
-        By requirement.
-    inputs, outputs : tuple of str
-        Their names with units.
-    """
-
-    seconds: float
-    size: int
-    seed: int
-    first_block: str
-    distribution: str
-    mean: tuple[float, ...]
-    deviation: tuple[float, ...]
-    violations: dict[str, int]
-    limits: dict[str, SampleLimit]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-
-    @staticmethod
-    def from_plain(data: dict[str, Any]) -> "SampleSummary":
-        """From what stands in steps/sample.json, also as version 0.1.0 wrote it."""
-        if "first block" in data:
-            columns = {label.rpartition(" [")[0]: column for column, label in enumerate(data["outputs"])}
-            limits = {
-                name: {"column": columns[quantity], "is_maximum": is_maximum, "limit": limit}
-                for name, (quantity, is_maximum, limit) in data["limits"].items()
-            }
-            data = {**data, "first_block": data["first block"], "limits": limits}
-        return dataclass_from_plain(SampleSummary, data)
 
 
 def list_runs(directory: str | os.PathLike) -> list[str]:
@@ -187,34 +120,3 @@ def _first(runs, size):
     return TrueRuns(
         *(getattr(runs, name)[:size] for name in arrays), runs.inputNames, runs.outputNames, runs.surrogateProbability
     )
-
-
-def sample_inputs(distribution: ot.Distribution, seed: int, total: int, size: int) -> np.ndarray:
-    """The inputs of the first runs of a Monte Carlo sample of a study.
-
-    Parameters
-    ----------
-    distribution : :class:`openturns.Distribution`
-    seed : int
-        Of the first block; the next one has the next number.
-    total, size : int
-        Runs of the whole sample, and how many of them.
-
-    Returns
-    -------
-    inputs : ndarray, shape (size, d)
-    """
-    state = ot.RandomGenerator.GetState()
-    blocks = [np.empty((0, distribution.getDimension()))]
-    try:
-        for first in range(0, min(size, total), BLOCK):
-            ot.RandomGenerator.SetSeed((seed + first // BLOCK) % 2**32)
-            blocks.append(np.array(distribution.getSample(min(BLOCK, total - first))))
-    finally:
-        ot.RandomGenerator.SetState(state)
-    return np.concatenate(blocks)[:size]
-
-
-def inputs_digest(inputs: Any) -> str:
-    """SHA-256 of an array's numbers, in hexadecimal digits."""
-    return hashlib.sha256(np.ascontiguousarray(inputs, dtype="<f8").tobytes()).hexdigest()

@@ -6,6 +6,7 @@ import openturns as ot
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.methods.subspaces.dimension import energy_dimension
+from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.telling.results import Component
 
@@ -14,6 +15,33 @@ from satsep_ot.studies.telling.results import Component
 _ENERGY = 0.95
 # Points of standard space at once: those of all inputs together would be the largest array of a study.
 _CHUNK = 20_000
+
+
+def sample_gradients(
+    model: SeparationFunction, distribution: ot.Distribution, size: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Runs with gradients at random points.
+
+    Parameters
+    ----------
+    model : :class:`satsep_ot.model.separation_function.SeparationFunction`
+    distribution : :class:`openturns.Distribution`
+        Of the inputs.
+    size : int
+        Number of runs, drawn from OpenTURNS' generator.
+
+    Returns
+    -------
+    points, values, gradients : ndarray, shapes (size, d), (size, p) and (size, d, p)
+        Points of standard space; gradients with respect to the inputs.
+    """
+    algorithm = ActiveSubspaceAlgorithm(model, distribution)
+    algorithm.setSamplingSize(size)
+    # Only its gradients are wanted, not a subspace of all components together.
+    algorithm.setBootstrapSize(2)
+    algorithm.run()
+    result = algorithm.getResult()
+    return np.array(result.getStandardSample()), np.array(result.getOutputSample()), result.getGradientSample()
 
 
 def fit_component(
@@ -67,7 +95,7 @@ def sample_surrogates(problem: SeparationProblem, components: dict[str, Componen
         By quantity; without those that need a component that is not there.
     """
     normal = ot.Normal(problem.getDistribution().getDimension())
-    active = {name: [] for name in components}
+    active: dict[str, list[np.ndarray]] = {name: [] for name in components}
     for start in range(0, size, _CHUNK):
         points = np.asarray(normal.getSample(min(_CHUNK, size - start)))
         for name, part in components.items():

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Iterator
-from typing import cast
+from typing import IO, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,11 +10,18 @@ from matplotlib.figure import Figure
 
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.studies.telling import figures
-from satsep_ot.studies.telling.advice import Advice, tightening_advice
+from satsep_ot.studies.telling.advice import tightening_advice
 from satsep_ot.studies.telling.figures import ProbabilityBar
 from satsep_ot.studies.telling.motion import compute_motion
-from satsep_ot.studies.telling.results import Component, DriverMeasure, Estimate, Section, StudyResult
-from satsep_ot.studies.telling.verdicts import best_estimate, judge_all
+from satsep_ot.studies.telling.results import (
+    Component,
+    DriverMeasure,
+    Estimate,
+    HalvedTolerance,
+    Section,
+    StudyResult,
+)
+from satsep_ot.studies.telling.verdicts import Gain, best_estimate, judge_all
 
 # A quantity that varies by less than this part of its size has no density to draw.
 _SMALLEST_SPREAD = 1e-9
@@ -49,6 +56,10 @@ class Panel:
     name: str
     text: str
     figure: Figure
+
+    def write(self, stream: IO[bytes]) -> None:
+        """Write it as SVG."""
+        figures.save_figure(self.figure, stream, "svg")
 
     @staticmethod
     def of(section: Section, name: str, text: str, ax: Axes) -> "Panel":
@@ -93,9 +104,9 @@ def _motion_panels(separation):
 
 def _answer_panels(result):
     for entry, verdict in zip(result.requirements, judge_all(result), strict=True):
-        row = verdict.row
-        if row is not None:
-            ax = figures.draw_answer(row.probability, row.lower95, row.upper95, entry.allowed_probability)
+        interval = None if verdict.row is None else verdict.row.interval
+        if interval is not None:
+            ax = figures.draw_answer(*interval, allowed=entry.allowed_probability)
             yield Panel.of(Section.ANSWER, entry.name, verdict.sentence, ax)
 
 
@@ -109,9 +120,10 @@ def _driver_panels(result):
 
 def _tightened_panels(result):
     for requirement, advice in tightening_advice(result).items():
-        now, halved = best_estimate(result.rows_of(requirement)), [row for row in advice if row.half is not None]
+        now = best_estimate(result.rows_of(requirement))
+        halved = [_halved_bar(row.half, row.gain) for row in advice if row.half is not None]
         if now is not None and halved:
-            bars = [_bar(now, "as it is"), *map(_halved_bar, halved)]
+            bars = [_bar(now, "as it is"), *halved]
             ax = figures.draw_probabilities(bars, title=requirement)
             yield Panel.of(Section.TIGHTENED, requirement, f"{requirement} with halved tolerances", ax)
 
@@ -160,11 +172,11 @@ def _bar(row: Estimate, label: str) -> ProbabilityBar:
     )
 
 
-def _halved_bar(advice: Advice) -> ProbabilityBar:
-    label, half = f"half of\n{advice.tolerance.replace('_', ' ')}", advice.half
-    if not advice.gain.is_resolved:
+def _halved_bar(half: HalvedTolerance, gain: Gain) -> ProbabilityBar:
+    label = f"half the scatter:\n{half.tolerance.replace('_', ' ')}"
+    if not gain.is_resolved:
         # No bar: it would show how few the runs are.
-        return ProbabilityBar(label, evaluations=half.evaluations, message=str(advice.gain))
+        return ProbabilityBar(label, evaluations=half.evaluations, message=str(gain))
     return ProbabilityBar(
         label, half.probability, half.lower95, half.upper95, half.evaluations, converged=half.converged
     )

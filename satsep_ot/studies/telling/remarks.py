@@ -47,7 +47,7 @@ def assumptions(case: Case) -> list[str]:
     gravity = "There is no gravity."
     if separation.orbit is not None:
         torque = "with" if separation.gradient_torque else "without"
-        gravity = f"Gravity acts as its difference between the bodies, {torque} the gravity-gradient torque."
+        gravity = f"Only the difference of gravity between the two bodies acts, {torque} the gravity-gradient torque."
     dependence = "independent" if case.copula is None else "correlated as named there, by a normal copula"
     return [
         "Both bodies are rigid. After the command to separate they touch only the springs and connectors of the case.",
@@ -71,18 +71,19 @@ def remarks(result: StudyResult) -> list[str]:
                 f"{requirement}: {doubt}. Either this is chance, which does it at most 1 time in 20, or one of the "
                 "methods has missed failures. More runs, or another seed, show which."
             )
-        if best is None or not best.probability:
+        interval = None if best is None else best.interval
+        if best is None or interval is None or interval.probability == 0.0:
             continue
         why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else BLIND_SPOTS.get(quantities[requirement])
         for method in DESIGN_POINT_METHODS:
             row = estimate_by(method, rows)
-            if row is None or not row.probability or best.lower95 <= row.probability <= best.upper95:
+            if row is None or not row.probability or interval.lower <= row.probability <= interval.upper:
                 continue
-            ratio = row.probability / best.probability
+            ratio = row.probability / interval.probability
             times = f"{1.0 / ratio:.1f} times too low" if ratio < 1.0 else f"{ratio:.1f} times too high"
             sentences.append(
                 f"{requirement}: {method} gives {probability_text(row.probability)}, {times}: {best.method} gives "
-                f"{probability_text(best.probability)} ({interval_text(best.lower95, best.upper95)})"
+                f"{probability_text(interval.probability)} ({interval_text(interval.lower, interval.upper)})"
                 + (f". The reason: {why}." if why else ".")
             )
     return sentences

@@ -16,7 +16,7 @@ from satsep_ot.model.case import SYSTEM
 from satsep_ot.studies.telling.advice import best_advice, tightening_advice
 from satsep_ot.studies.telling.document import ReportError, read_json, read_results, read_text
 from satsep_ot.studies.telling.remarks import limits, remarks
-from satsep_ot.studies.telling.results import Section, StudyResult
+from satsep_ot.studies.telling.results import Estimate, Section, StudyResult
 from satsep_ot.studies.telling.verdicts import Status, best_estimate, contradiction, headline, judge_all
 from satsep_ot.studies.telling.words import (
     METHOD_DESCRIPTIONS,
@@ -115,10 +115,14 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         remarks=remarks(result),
         descriptions={method: METHOD_DESCRIPTIONS[method] for method in result.sizes.methods},
         limits=limits(result),
-        chosen=max(result.violations, key=lambda name: best[name].probability if best.get(name) else 0.0, default=""),
+        chosen=max(result.violations, key=lambda name: _probability(best.get(name)), default=""),
         motion=_script_json(motion),
         case_text=case_text,
     )
+
+
+def _probability(row: Estimate | None) -> float:
+    return 0.0 if row is None or row.probability is None else row.probability
 
 
 def _keep_numbers(text):

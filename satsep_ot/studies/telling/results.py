@@ -4,7 +4,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,24 @@ class DriverMeasure(enum.StrEnum):
 
     VIOLATIONS = "violations"
     SENSITIVITY = "squared sensitivity"
+
+
+class Interval(NamedTuple):
+    """A probability with the bounds of its 95 % interval."""
+
+    probability: float
+    lower: float
+    upper: float
+
+    def overlaps(self, other: "Interval") -> bool:
+        """Whether some probability is in both."""
+        return self.lower <= other.upper and other.lower <= self.upper
+
+
+def _interval(row):
+    if row.probability is None or row.lower95 is None or row.upper95 is None:
+        return None
+    return Interval(row.probability, row.lower95, row.upper95)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +78,11 @@ class Estimate:
     note: str = ""
     unseen_bound: float | None = None
 
+    @property
+    def interval(self) -> Interval | None:
+        """The probability with its bounds; None for a method without an interval."""
+        return _interval(self)
+
     @staticmethod
     def of(requirement: str, row: Row) -> "Estimate":
         """The row of a comparison as an estimate of a requirement."""
@@ -91,6 +114,11 @@ class HalvedTolerance:
     evaluations: int | None = None
     converged: bool = False
     note: str = ""
+
+    @property
+    def interval(self) -> Interval | None:
+        """The probability with its bounds; None where no estimate could be made."""
+        return _interval(self)
 
 
 @dataclasses.dataclass(frozen=True)

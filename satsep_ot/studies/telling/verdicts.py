@@ -4,7 +4,7 @@ import dataclasses
 import enum
 from collections.abc import Iterable, Sequence
 
-from satsep_ot.studies.telling.results import Estimate, HalvedTolerance, StudyResult
+from satsep_ot.studies.telling.results import Estimate, HalvedTolerance, Interval, StudyResult
 from satsep_ot.studies.telling.words import (
     DECIDING_METHODS,
     StudyMethod,
@@ -79,7 +79,7 @@ def best_estimate(rows: Iterable[Estimate]) -> Estimate | None:
     >>> best_estimate([row]).upper95
     3e-05
     """
-    return next(iter(_deciding_rows(rows)), None)
+    return next((row for row, _ in _deciding(rows)), None)
 
 
 def estimate_by(method: StudyMethod, rows: Iterable[Estimate]) -> Estimate | None:
@@ -112,16 +112,16 @@ def contradiction(rows: Iterable[Estimate]) -> str:
     >>> contradiction([row, other])
     'the intervals of ActiveSubspace (1.2e-3 to 1.4e-3) and MonteCarlo (2e-3 to 3e-3) do not overlap'
     """
-    found = _deciding_rows(rows)
-    if len(found) < 2 or max(row.lower95 for row in found) <= min(row.upper95 for row in found):
+    found = _deciding(rows)
+    if len(found) < 2 or found[0][1].overlaps(found[1][1]):
         return ""
-    texts = [f"{row.method} ({interval_text(row.lower95, row.upper95)})" for row in found]
+    texts = [f"{row.method} ({interval_text(interval.lower, interval.upper)})" for row, interval in found]
     return f"the intervals of {' and '.join(texts)} do not overlap"
 
 
-def _deciding_rows(rows):
-    """The estimates that a verdict may rest on, the best one first."""
-    found = {row.method: row for row in rows if row.upper95 is not None and row.converged}
+def _deciding(rows: Iterable[Estimate]) -> list[tuple[Estimate, Interval]]:
+    """The estimates that a verdict may rest on, with their intervals, the best one first."""
+    found = {row.method: (row, row.interval) for row in rows if row.interval is not None and row.converged}
     return [found[method] for method in DECIDING_METHODS if method in found]
 
 
@@ -151,14 +151,16 @@ def judge(requirement: str, rows: Sequence[Estimate], allowed: float | None = No
     >>> print(judge("spin", [row], 1e-3).status, "and", judge("spin", [row], 3e-4).status)
     met and undecided
     """
-    found = _deciding_rows(rows)
+    found = _deciding(rows)
     if not found:
         return Verdict(requirement, Status.UNKNOWN, _why_unknown(rows), None)
-    row, doubt = found[0], contradiction(rows)
-    lower, upper = row.lower95, row.upper95
-    known = f"{in_words(row.probability)}; with 95 % confidence between {_and(lower, upper)}"
+    row, (probability, lower, upper) = found[0]
+    doubt = contradiction(rows)
+    known = (
+        f"{in_words(probability)}; with 95 % confidence between {probability_text(lower)} and {probability_text(upper)}"
+    )
     if doubt:
-        lower, upper = min(one.lower95 for one in found), max(one.upper95 for one in found)
+        lower, upper = min(interval.lower for _, interval in found), max(interval.upper for _, interval in found)
         known = f"{doubt}; taken together they reach from {interval_text(lower, upper)}"
     known = capitalized(known)
     if allowed is None:
@@ -198,7 +200,7 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     """
     if not verdicts:
         return "The case has no requirements."
-    groups = {}
+    groups: dict[Status, list[str]] = {}
     for verdict in verdicts:
         groups.setdefault(verdict.status, []).append(verdict.requirement)
     if list(groups) == [Status.MET]:
@@ -206,20 +208,17 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     return " ".join(text.format(", ".join(groups[status])) for status, text in _HEADLINES.items() if status in groups)
 
 
-def _and(lower, upper):
-    return f"{probability_text(lower)} and {probability_text(upper)}"
-
-
 def _what_may_be_missed(row, rows, allowed):
     """A sentence on failures that a surrogate may have missed where a requirement is said to be met."""
     if row.method == StudyMethod.MONTE_CARLO:
         return ""
-    crude = estimate_by(StudyMethod.MONTE_CARLO, _deciding_rows(rows))
+    crude = next(((row, interval) for row, interval in _deciding(rows) if row.method == StudyMethod.MONTE_CARLO), None)
     if crude is None:
         return " A failure region that no run has reached is not excluded: the method MonteCarlo would bound it."
-    text = f" The {crude.evaluations:,} runs of MonteCarlo, which needs no surrogate, bound it by"
-    upper = probability_text(crude.upper95)
-    return f"{text} {upper}{'' if crude.upper95 <= allowed else ' only: more of them can bound it further'}."
+    row, interval = crude
+    text = f" The {row.evaluations:,} runs of MonteCarlo, which needs no surrogate, bound the probability by"
+    more = "" if interval.upper <= allowed else " only: more of them can bound it further"
+    return f"{text} {probability_text(interval.upper)}{more}."
 
 
 def _why_unknown(rows):
@@ -300,18 +299,20 @@ def compute_gain(now: Estimate | None, then: HalvedTolerance) -> Gain:
     >>> print(compute_gain(now, HalvedTolerance("mass", 0.5, 0.0, 0.0, 4e-3)))
     too rare to resolve with these runs
     """
-    if then.probability is None:
+    after = then.interval
+    if after is None:
         return Gain(Effect.NO_ESTIMATE)
-    if now is None:
+    before = None if now is None else now.interval
+    if before is None:
         return Gain(Effect.UNKNOWN)
-    fewer = then.probability == 0.0 or (not then.converged and then.probability < now.probability)
-    if fewer and then.upper95 > now.upper95:
+    fewer = after.probability == 0.0 or (not then.converged and after.probability < before.probability)
+    if fewer and after.upper > before.upper:
         return Gain(Effect.TOO_RARE)
-    if not now.probability:
+    if before.probability == 0.0:
         return Gain(Effect.UNKNOWN)
-    if then.probability <= 0.0:
+    if after.probability == 0.0:
         return Gain(Effect.NONE_LEFT)
-    if then.upper95 >= now.lower95 and then.lower95 <= now.upper95:
+    if after.overlaps(before):
         return Gain(Effect.NO_DIFFERENCE)
-    ratio = now.probability / then.probability
+    ratio = before.probability / after.probability
     return Gain(Effect.LESS, ratio) if ratio > 1.0 else Gain(Effect.MORE, 1.0 / ratio)

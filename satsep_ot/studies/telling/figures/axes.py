@@ -2,7 +2,7 @@
 
 import math
 import os
-from typing import BinaryIO
+from typing import IO
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -116,7 +116,7 @@ def make_panels(
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
 
 
-def save_figure(figure: Figure, path: str | os.PathLike | BinaryIO, form: str | None = None) -> None:
+def save_figure(figure: Figure, path: str | os.PathLike | IO[bytes], form: str | None = None) -> None:
     """Write a figure.
 
     Parameters
