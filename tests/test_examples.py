@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import openturns as ot
 import pytest
+from scipy.special import ndtr
 
 from satsep_ot.dynamics.quantities import QUANTITIES
 from satsep_ot.model import case
@@ -54,26 +55,38 @@ def test_external_simulator(capsys):
     names, printed = run("external_simulator", capsys)
     result = names["result"]
     assert result.getConverged()
-    share, failures = oscillator_probability()
-    spread = np.hypot(result.getCoefficientOfVariation(), 1.0 / np.sqrt(failures))
-    assert abs(result.getProbabilityEstimate() / share - 1.0) < 4.0 * spread
+    probability, failures, mean, spread = oscillator_failures()
+    error = np.hypot(result.getCoefficientOfVariation(), 1.0 / np.sqrt(failures))
+    assert abs(result.getProbabilityEstimate() / probability - 1.0) < 4.0 * error
+    rows = result.computeImportance(0.999)
+    assert [row.input for row in rows] == ["mass", "stiffness", "damping", "force", "duration"]
+    # What the failures of the sample say, with the error of the sample itself.
+    for row, shift, sigma in zip(rows, mean, spread, strict=True):
+        slack = 4.0 * sigma / np.sqrt(failures)
+        assert row.shiftLower - slack < shift < row.shiftUpper + slack
+        assert row.spreadLower - slack < sigma < row.spreadUpper + slack
+    entropies = 0.5 * (mean**2 + spread**2 - 1.0) - np.log(spread)
+    np.testing.assert_allclose([row.share for row in rows], entropies / entropies.sum(), atol=0.1)
+    # The force drives more than half of it, more than twice as much as any other input.
     assert "force" in printed.splitlines()[2]
 
 
-def oscillator_probability(size=200_000):
-    """P(peak > 0.15 m) of the oscillator of the example and the failures seen, by plain Monte Carlo."""
-    generator = np.random.default_rng(0)
+def oscillator_failures(size=300_000):
+    """Of the oscillator of the example by crude Monte Carlo: P(peak > 0.15 m), the number of failures, and mean and
+    deviation of the inputs' standard normal images in failure."""
+    z = np.random.default_rng(0).standard_normal((size, 5))
     spread = np.sqrt(np.log1p(0.025**2))
-    mass = np.exp(generator.normal(np.log(2.0) - 0.5 * spread**2, spread, size))
-    stiffness, damping = generator.normal(200.0, 10.0, size), generator.uniform(1.0, 3.0, size)
-    force, duration = generator.normal(15.0, 1.0, size), generator.uniform(0.18, 0.22, size)
+    mass = 2.0 * np.exp(spread * z[:, 0] - 0.5 * spread**2)
+    stiffness, force = 200.0 + 10.0 * z[:, 1], 15.0 + z[:, 3]
+    damping, duration = 1.0 + 2.0 * ndtr(z[:, 2]), 0.18 + 0.04 * ndtr(z[:, 4])
     x, v, peak, step = np.zeros(size), np.zeros(size), np.zeros(size), 2e-3
     # The first half period holds the peak.
     for k in range(300):
         v += step * (np.where(k * step < duration, force, 0.0) - stiffness * x - damping * v) / mass
         x += step * v
         np.maximum(peak, x, out=peak)
-    return float(np.mean(peak > 0.15)), np.count_nonzero(peak > 0.15)
+    failed = z[peak > 0.15]
+    return len(failed) / size, len(failed), failed.mean(axis=0), failed.std(axis=0)
 
 
 def test_other_distributions_and_copula(capsys):

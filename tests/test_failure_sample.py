@@ -222,6 +222,18 @@ def test_a_distribution_that_reaches_where_no_run_was_is_refused():
     assert narrower.probability == pytest.approx(1.0)
 
 
+def test_a_spread_that_is_hardly_known_does_not_make_an_input_important():
+    # Corrections leave a spread below 0 of the second input, known to about 0.7; the first one is shifted by 3.
+    x = np.column_stack([np.full(12, 3.0) + 0.5 * (-1.0) ** np.arange(12), np.zeros(12)])
+    x[10:, 1] = [1.0, 2.0]
+    weights = np.concatenate([np.full(10, 1e-3), [4e-3, -4e-3]])
+    sample = dataclasses.replace(FailureSample.ofMonteCarlo(x, np.ones(12, dtype=bool)), weights=weights)
+    first, second = computeImportance(sample, ot.Normal(2), 0.95)
+    assert second.spread == 0.0
+    assert second.spreadUpper > 1.0
+    assert first.share > 0.8
+
+
 # Where there is nothing to say. --------------------------------------------------------------------------------------
 
 

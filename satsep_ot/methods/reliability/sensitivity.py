@@ -173,8 +173,8 @@ class InputImportance:
     input : str
     share : float
         Of the sum over the inputs of the relative entropy between the input's law in failure and its law, both taken
-        for normal. For a linear limit state of independent inputs about the squared importance factors of FORM; unlike
-        them not blind to failures on both sides.
+        for normal, with a squared spread of at least its standard error. For a linear limit state of independent inputs
+        about the squared importance factors of FORM; unlike them not blind to failures on both sides.
     shift, shiftLower, shiftUpper : float
         Mean in failure: 0 for an input that does not matter.
     spread, spreadLower, spreadUpper : float
@@ -350,16 +350,20 @@ def computeImportance(sample: FailureSample, distribution: ot.Distribution, leve
     if not probability > 0.0:
         raise RuntimeError(f"there is no importance: the estimate, {probability:.3g}, is not positive")
     z = _marginalNormals(distribution, sample.x)
-    found = []
+    found, entropies = [], []
     for index in range(z.shape[1]):
         # Deviations from the ratio's own value give its variance.
         shift = float((sample.weights * z[:, index]).sum()) / probability
         _, low, high = sample.interval(z[:, index] - shift, level)
         square = float((sample.weights * (z[:, index] - shift) ** 2).sum()) / probability
-        _, squareLow, squareHigh = sample.interval((z[:, index] - shift) ** 2 - square, level)
+        deviations = (z[:, index] - shift) ** 2 - square
+        _, squareLow, squareHigh = sample.interval(deviations, level)
         spreads = [math.sqrt(max(square + bound / probability, 0.0)) for bound in (0.0, squareLow, squareHigh)]
         found.append((shift, shift + low / probability, shift + high / probability, *spreads))
-    entropies = [0.5 * (shift**2 + s**2 - 1.0) - math.log(max(s, 1e-3)) for shift, _, _, s, _, _ in found]
+        # A squared spread below its own error is not known to be so small, and its logarithm would outweigh all else.
+        error = math.sqrt(sample.expectation(deviations)[1]) / probability
+        known = max(spreads[0], math.sqrt(error), 1e-3)
+        entropies.append(0.5 * (shift**2 + known**2 - 1.0) - math.log(known))
     total = sum(entropies)
     shares = [entropy / total if total > 0.0 else 0.0 for entropy in entropies]
     names = distribution.getDescription()
