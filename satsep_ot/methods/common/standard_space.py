@@ -31,7 +31,7 @@ def nameInputs(distribution: ot.Distribution, function: ot.Function) -> ot.Distr
 class StandardSpace:
     """Standard space U of a distribution through its iso-probabilistic transformation T, U = T(X).
 
-    T of a distribution with normal copula is the one of Nataf, of any other that of Rosenblatt, whose
+    T is Nataf's transformation where the copula is normal, else Rosenblatt's, whose
     result depends on the order of the inputs.
 
     Parameters
@@ -65,7 +65,7 @@ class StandardSpace:
         return f"StandardSpace(dimension={self.getDimension()})"
 
     def _check(self):
-        """Refusals that need no transformation: building that of a Student copula can end the interpreter."""
+        """Refusals that need no transformation: to build one for a Student copula can end the interpreter."""
         if not self._distribution.isContinuous():
             atoms = [
                 f"{name} ({type(marginal.getImplementation()).__name__})"

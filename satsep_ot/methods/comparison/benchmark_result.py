@@ -35,11 +35,11 @@ class BenchmarkRow:
     repetitions, failed : int
         Repetitions, and those without a probability.
     bias, biasError : float
-        Of the mean over the repetitions, relative, with its standard error, that of the reference included.
+        Relative bias of the mean over the repetitions, and its standard error, which includes the reference's.
     error, claimed : float
         Root mean square of the relative errors, and of the coefficients of variation that the method gave.
     coverage : float
-        Share of the repetitions whose 95 % interval holds the truth, the interval widened by that of the reference
+        Share of the repetitions whose 95 % interval holds the truth, the interval widened by the reference's
         where that is itself an estimate.
     evaluations, gradients, seconds : float
         Means.
@@ -50,7 +50,7 @@ class BenchmarkRow:
         ``"wrong"``: the 95 % interval of the bias (Student) is all above 2 % or all below -2 %, or the intervals hold
         the truth so seldom that a method with a coverage of 90 % would do so with less than 2.5 % probability, or a
         repetition has no probability. ``"right"``: not wrong, and the repetitions are evidence: ten or more, and a
-        standard error of the bias of at most 1 % beside that of the reference, so that a bias of 4 % would have
+        standard error of the bias of at most 1 % beside the reference's, so that a bias of 4 % would have
         shown; two are enough of a method without an interval that says the same whatever the seed. ``"open"``:
         neither.
     needed : int
@@ -213,7 +213,7 @@ class ReliabilityBenchmarkResult:
         return csvTable(self.getTable(), [field.name for field in dataclasses.fields(BenchmarkRow)])
 
     def toMarkdown(self) -> str:
-        """One Markdown table, best method first on each problem, and that of the methods over all problems."""
+        """Two Markdown tables: methods by problem, the best first, and methods over all problems."""
         return f"{markdownTable(self._cells(), 2)}\n\n{markdownTable(self._summaryCells(), 1)}"
 
     def toText(self) -> str:
@@ -234,7 +234,7 @@ class ReliabilityBenchmarkResult:
         return [[*_COLUMNS], *([form(row) for form in _COLUMNS.values()] for row in rows)]
 
     def _summaryCells(self):
-        """Methods by problems: runs to an error of 5 %, and as a multiple of those of the first method.
+        """Methods by problems: runs to an error of 5 %, and as a multiple of the first method's.
 
         Whichever are more go down the page.
         """

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -149,7 +150,7 @@ class BenchmarkProblem:
         space = StandardSpace(self._distribution)
         factor, triangle = np.linalg.qr(np.random.default_rng(seed).standard_normal((space.getDimension(),) * 2))
         transposed = (factor * np.sign(np.diag(triangle))).T
-        return self._varied(
+        return self.varied(
             "rotated",
             distribution=ot.Normal(space.getDimension()),
             components=lambda u: self._components(space.toPhysical(u @ transposed)),
@@ -180,15 +181,15 @@ class BenchmarkProblem:
         inputUnits, outputUnits, limitUnit = powers[:d], powers[d:-1], powers[-1]
         marginals = [self._distribution.getMarginal(i) * float(unit) for i, unit in enumerate(inputUnits)]
         composition = self._composition
-        return self._varied(
+        return self.varied(
             "rescaled",
             distribution=ot.JointDistribution(marginals, self._distribution.getCopula()),
             components=lambda x: outputUnits * self._components(x / inputUnits).reshape(-1, p),
             composition=None if composition is None else lambda y: limitUnit * composition(y / outputUnits),
         )
 
-    def _varied(self, variant, **changes):
-        """The same problem but for these changes, its variant behind its name."""
+    def varied(self, variant: str, **changes: Any) -> "BenchmarkProblem":
+        """The same problem with other arguments of the constructor, its variant behind its name."""
         given = {
             "distribution": self._distribution,
             "components": self._components,

@@ -30,7 +30,7 @@ __all__ = ["BenchmarkProblem", "getBenchmarkProblem", "getBenchmarkProblemNames"
 
 
 def _cosineDirection(dimension: int, index: int) -> np.ndarray:
-    """Unit vectors in general position, orthonormal for different indices from 1: those of the cosine transform."""
+    """Unit vectors in general position, orthonormal for different indices from 1: the basis of the cosine transform."""
     return math.sqrt(2.0 / dimension) * np.cos(math.pi * index * (np.arange(dimension) + 0.5) / dimension)
 
 
@@ -647,7 +647,7 @@ def _resized(name: str, dimension: int) -> BenchmarkProblem:
     least = _SMALLEST_DIMENSIONS[name]
     if not least <= dimension <= 1000:
         raise ValueError(f"{name} is there with {least} to 1000 inputs, not with {dimension}")
-    return _FACTORIES[name](dimension)._varied(f"d{dimension}")
+    return _FACTORIES[name](dimension).varied(f"d{dimension}")
 
 
 def getBenchmarkProblemNames() -> list[str]:

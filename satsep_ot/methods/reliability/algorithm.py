@@ -31,7 +31,7 @@ class ActiveSubspaceReliability:
     ----------
     event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
         Inputs are continuous with an iso-probabilistic transformation to independent standard normal variables. Where
-        their distribution has no names but OpenTURNS' X0, X1, ..., results take those of the function's inputs.
+        their distribution has only the default names X0, X1, ..., results use the names of the function's inputs.
 
     Raises
     ------

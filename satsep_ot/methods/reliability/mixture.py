@@ -213,7 +213,7 @@ def fitImportantRegion(
     smoothing = math.inf
     last = False
     for level in range(maximumLevels):
-        # The closing level takes more points: those of large weight show the modes that the mixture lacks.
+        # The last level takes more points: points of large weight show the modes that the mixture lacks.
         closing = last
         y = mixture.sample(3 * size if closing else size, generator)
         value, scale = limitState(y)

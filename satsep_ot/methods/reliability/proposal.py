@@ -30,6 +30,8 @@ _POOL_SIZE, _LARGEST_POOL_FACTOR, _POOL_SHARE = 20_000, 25.0, 0.3
 _SINGLE_SPACE = 3
 # One mode alone is found with few points.
 _MODE_POINTS = 3000
+# Share of an estimate's runs that follow the distribution of the inputs itself.
+NOMINAL_SHARE = 0.1
 # More failures are planned than the stop needs: to stop where failures happened to be many, and to go on where they
 # happened to be few, would bias the estimate.
 _PLANNED_FAILURES = 100
@@ -179,10 +181,12 @@ def propose(
         share = ndtr(-value / (width * scale))
         return np.sqrt(share * (1.0 - share))
 
-    nominal = np.ones(len(value))
+    everywhere = np.ones(len(value))
     near, far = band(4.0), band(12.0)
-    selection = pool.selection([(0.1, nominal), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)])
-    exploration = pool.selection([(0.15, nominal), (0.15, failure), (0.35, near), (0.35, far)])
+    selection = pool.selection(
+        [(NOMINAL_SHARE, everywhere), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)]
+    )
+    exploration = pool.selection([(0.15, everywhere), (0.15, failure), (0.35, near), (0.35, far)])
     return Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
 
 

@@ -109,7 +109,7 @@ class ActiveSubspaceReliabilityResult:
         return -ot.DistFunc.qNormal(self._outcome.probability)
 
     def getSurrogateProbability(self) -> float | None:
-        """The surrogate's own probability, **not** corrected and without a guarantee; None where there is none."""
+        """The surrogate's own probability, **not** corrected and without a guarantee; None without a surrogate."""
         return self._outcome.surrogateProbability
 
     def getEvaluationNumber(self, phase: str | None = None) -> int:
@@ -199,7 +199,7 @@ class ActiveSubspaceReliabilityResult:
         Parameters
         ----------
         outputNames : sequence of str, optional
-            By default those of the function.
+            By default the names of the function's outputs.
         """
         runs = self._outcome.runs
         return TrueRuns(

@@ -11,7 +11,7 @@ from satsep_ot.methods.common.intervals import IntervalLaw
 from satsep_ot.methods.reliability.estimate import MINIMUM_BLOCKS, Block, CrudeEstimate, Estimate
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.outcome import Deferred, Ending, ReliabilityOutcome
-from satsep_ot.methods.reliability.proposal import Proposal, propose
+from satsep_ot.methods.reliability.proposal import NOMINAL_SHARE, Proposal, propose
 from satsep_ot.methods.reliability.recorder import RunRecorder, Stopped
 from satsep_ot.methods.reliability.sensitivity import FailureSample
 from satsep_ot.methods.reliability.settings import ReliabilitySettings
@@ -25,8 +25,6 @@ _REFIT_SHARE = 0.25
 _MAXIMUM_LEARNING_SHARE = 0.4
 # A surrogate that shows no failure after so many of them will not learn to.
 _UNEXPLAINED_FAILURES = 10
-# Share of an estimate's runs that follow the distribution of the inputs, see `propose`.
-_NOMINAL_SHARE = 0.1
 
 
 class ReliabilityRun:
@@ -311,7 +309,7 @@ class ReliabilityRun:
             return self._concludeCrude(ending)
         estimate = Estimate(self.blocks)
         law, remarks, unseen = estimate.law(), [], None
-        nominal = sum(map(len, self.recorder.nominal)) + _NOMINAL_SHARE * estimate.size
+        nominal = sum(map(len, self.recorder.nominal)) + NOMINAL_SHARE * estimate.size
         bound = 3.0 / max(nominal, 1)
         diagnostics = estimate.diagnose() | {"calibration": self.observedCalibration, "unseen bound": bound}
         if self.subset is not None:

@@ -247,7 +247,7 @@ def computeParameterSensitivity(
 
 
 def _score(marginal, place, column, copula, uniforms, index):
-    """Derivative (n,) of the logarithm of the joint density; ValueError with the reason where there is none."""
+    """Derivative (n,) of the logarithm of the joint density; a ValueError says why it does not exist."""
     if isinstance(marginal.getImplementation(), ot.Uniform):
         if copula is not None:
             raise ValueError("the bound of a uniform input that depends on others has no score")

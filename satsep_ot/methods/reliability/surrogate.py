@@ -45,7 +45,7 @@ class RidgeModel:
     radial: bool = False
 
     def parameters(self, inputs: int) -> int:
-        """Number of free parameters, those of the subspace included."""
+        """Number of free parameters, with the parameters of the subspace."""
         r = self.dimension
         variables = r + int(self.radial)
         terms = number_of_terms(variables, self.degree) if variables else 1
@@ -174,7 +174,7 @@ class LimitStateSurrogate:
         ----------
         y : array (n, k)
         exact : bool
-            False: the deviation of the points nearest to the limit stands for that of the others.
+            False: all points get the median deviation of the points that are nearest to the limit.
         """
         values = self.predict(y)
         value = self.margin(values)

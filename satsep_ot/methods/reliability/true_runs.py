@@ -103,13 +103,14 @@ class TrueRuns:
         Parameters
         ----------
         failed : array_like (n,) of bool, optional
-            Of another event. By default that of the runs. The estimate then is as unbiased, but the runs were not made
-            for it; with a surrogate, whose expectations are of the first event, it is plain importance sampling.
+            Whether another event happened; by default the event of the runs. The estimate is unbiased too, but the runs
+            were not made for it; with a surrogate, whose expectations are of the first event, it is plain importance
+            sampling.
 
         Raises
         ------
         ValueError
-            No run has a weight: those of subset simulation and of searches for a design point depend on each other.
+            No run has a weight: runs of subset simulation and of searches for a design point depend on each other.
         """
         rows = np.isfinite(self.weights)
         if not rows.any():
@@ -154,7 +155,7 @@ class TrueRuns:
             names: dict[str, Any] = {name: tuple(document[name]) for name in ("inputNames", "outputNames")}
             return TrueRuns(**arrays, **names, surrogateProbability=float(document["surrogateProbability"]))
         except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
-            raise ValueError(f"{path} holds no true runs written by save(), or those of another version") from error
+            raise ValueError(f"{path} holds no true runs that save() of this version has written") from error
 
 
 def _described(values, names):
