@@ -54,7 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(f"{where}{error.strerror or error}", 2)
     except (ValueError, RuntimeError) as error:
         # Our own errors say in one sentence what is wrong; anything else is a defect and keeps its traceback.
-        from satsep_ot.methods.parallel.scheduler import ChunkError
+        from satsep_ot.methods.parallel.chunks import ChunkError
         from satsep_ot.model.case import CaseError
         from satsep_ot.model.separation_function import SeparationError
         from satsep_ot.studies.results_directory import DirectoryError

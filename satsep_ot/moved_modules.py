@@ -23,7 +23,7 @@ MOVED: dict[str, tuple[str, ...]] = {
     "methods.active_subspace_result": ("methods.subspaces.result",),
     "methods.active_variables": ("methods.subspaces.variables",),
     "methods.benchmark_problems": ("methods.comparison.problems", "methods.comparison.problem"),
-    "methods.chunk_scheduler": ("methods.parallel.scheduler",),
+    "methods.chunk_scheduler": ("methods.parallel.scheduler", "methods.parallel.chunks"),
     "methods.comparison": (
         "methods.comparison.comparison",
         "methods.comparison.methods",

@@ -13,23 +13,24 @@ from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
-from mischief import (
-    Twice,
-    die,
-    hang,
-    leave,
-    lose_rows,
+from fault_injection import (
+    DoublingWithFault,
+    drop_row,
+    exit_process,
+    kill_worker,
+    pause,
     raise_error,
-    raise_unsendable,
+    raise_unpicklable,
     return_lock,
-    stop,
-    stop_short,
+    sleep_for_ever,
+    stop_process,
 )
 from process_tree import descendants, survivors
 
 from satsep_ot.methods.parallel import scheduler as chunk_scheduler
+from satsep_ot.methods.parallel.chunks import Chunk, ChunkError, Work
 from satsep_ot.methods.parallel.executors import processes
-from satsep_ot.methods.parallel.scheduler import Chunk, ChunkError, ChunkScheduler, Work, endExecutor, workerNumber
+from satsep_ot.methods.parallel.scheduler import ChunkScheduler, endExecutor, workerNumber
 
 
 def chunks(number, rows=2):
@@ -79,33 +80,33 @@ def test_no_more_chunks_are_taken_than_there_is_room_for():
         results.close()
 
 
-@pytest.mark.parametrize("deed", [raise_error, lose_rows, leave])
-def test_a_chunk_that_fails_twice_is_tried_a_third_time(deed, tmp_path):
+@pytest.mark.parametrize("fault", [raise_error, drop_row, exit_process])
+def test_a_chunk_that_fails_twice_is_tried_a_third_time(fault, tmp_path):
     with ThreadPoolExecutor(2) as pool:
-        assert np.array_equal(run(ChunkScheduler(pool), Twice(deed, 6.0, 2, tmp_path)), EXPECTED)
+        assert np.array_equal(run(ChunkScheduler(pool), DoublingWithFault(fault, 6.0, 2, tmp_path)), EXPECTED)
     assert len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.mark.parametrize(
-    ("deed", "reason"),
+    ("fault", "reason"),
     [
         (raise_error, "ArithmeticError: the licence server is away"),
-        (lose_rows, r"shape \(1, 1\)"),
-        (leave, "SystemExit: 3"),
+        (drop_row, r"shape \(1, 1\)"),
+        (exit_process, "SystemExit: 3"),
     ],
 )
-def test_a_chunk_that_always_fails_is_named(deed, reason, tmp_path):
+def test_a_chunk_that_always_fails_is_named(fault, reason, tmp_path):
     with ThreadPoolExecutor(2) as pool:
         with pytest.raises(ChunkError, match=rf"rows 6 to 7 could not .* 3 attempts.*: {reason}") as caught:
-            run(ChunkScheduler(pool), Twice(deed, 6.0, 99, tmp_path))
+            run(ChunkScheduler(pool), DoublingWithFault(fault, 6.0, 99, tmp_path))
         # The pool of the caller is left as it was.
         assert pool.submit(abs, -1).result() == 1
     assert (caught.value.first, caught.value.end, caught.value.attempts) == (6, 8, 3)
     assert len(list(tmp_path.iterdir())) == 3
     assert all(worker.startswith("thread ThreadPoolExecutor") for worker, _ in caught.value.failures)
     assert str(caught.value).count("the same (thread ") == 2
-    if deed is raise_error:
-        assert "mischief.py" in str(caught.value.__cause__)
+    if fault is raise_error:
+        assert "fault_injection.py" in str(caught.value.__cause__)
 
 
 def test_later_chunks_that_were_finished_are_kept(tmp_path):
@@ -142,14 +143,14 @@ def test_a_thread_that_hangs_is_left_and_its_chunk_tried_beside_it(tmp_path):
         assert np.array_equal(run(scheduler, double), EXPECTED)
         scheduler.setMaximumAttempts(1)
         with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 1 attempt.* it gave no answer within 0\.1 s"):
-            run(scheduler, Twice(stop_short, 6.0, 1, tmp_path))
+            run(scheduler, DoublingWithFault(pause, 6.0, 1, tmp_path))
 
 
 def test_in_place_the_error_is_that_of_the_work(tmp_path):
     with pytest.raises(ArithmeticError, match="the licence server is away"):
-        run(ChunkScheduler(), Twice(raise_error, 6.0, 1, tmp_path))
+        run(ChunkScheduler(), DoublingWithFault(raise_error, 6.0, 1, tmp_path))
     with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 1 attempt, which ended so: shape \(1, 1\)"):
-        run(ChunkScheduler(), Twice(lose_rows, 6.0, 99, tmp_path))
+        run(ChunkScheduler(), DoublingWithFault(drop_row, 6.0, 99, tmp_path))
 
 
 def test_without_chunks_there_is_nothing_to_do():
@@ -221,8 +222,8 @@ def test_what_is_no_executor_is_refused():
     scheduler = ChunkScheduler()
     for set_option, value in (
         (scheduler.setTimeout, 0.0), (scheduler.setTimeout, np.inf), (scheduler.setTimeout, np.nan),
-        (scheduler.setMaximumAttempts, 0), (scheduler.setMaximumAttempts, 1.5), (scheduler.setPatience, -1.0),
-        (scheduler.setPatience, np.nan), (processes, 0), (processes, 1.5),
+        (scheduler.setMaximumAttempts, 0), (scheduler.setMaximumAttempts, 1.5), (scheduler.setClusterTimeLimit, -1.0),
+        (scheduler.setClusterTimeLimit, np.nan), (processes, 0), (processes, 1.5),
     ):  # fmt: skip
         with pytest.raises(ValueError, match="allowed"):
             set_option(value)
@@ -268,12 +269,12 @@ def test_a_cluster_without_workers_is_waited_for_but_not_for_ever():
     with Cluster(0) as cluster:
         assert workerNumber(cluster) == 0
         scheduler = ChunkScheduler(cluster)
-        scheduler.setPatience(0.3)
+        scheduler.setClusterTimeLimit(0.3)
         release = threading.Event()
         with pytest.raises(ChunkError, match=r"rows 0 to 1 .* the cluster has had no worker for 0\.3 s"):
             run(scheduler, lambda X: release.wait(20.0))
         release.set()
-        scheduler.setPatience(60.0)
+        scheduler.setClusterTimeLimit(60.0)
         threading.Timer(0.3, lambda: setattr(cluster, "workers", 2)).start()
         assert np.array_equal(run(scheduler, Late()), EXPECTED)
 
@@ -303,7 +304,7 @@ def test_there_are_as_many_processes_as_processors_unless_told():
 WITHOUT = """
 import sys
 sys.modules.update({blocked})
-from satsep_ot.methods.parallel.scheduler import Work
+from satsep_ot.methods.parallel.chunks import Work
 from satsep_ot.methods.parallel.executors import daskExecutor
 print(Work(abs).__reduce__()[1], len(Work(abs).payload) > 0)
 try:
@@ -334,7 +335,7 @@ def test_packages_that_may_be_missing_are_not_missed_before_they_are_needed():
 def test_processes_that_die_once_or_twice(tmp_path):
     """Their pool is broken for all chunks in it; the factory makes another, and every chunk is finished."""
     scheduler = ChunkScheduler(processes(2))
-    assert np.array_equal(run(scheduler, Twice(die, 6.0, 2, tmp_path)), EXPECTED)
+    assert np.array_equal(run(scheduler, DoublingWithFault(kill_worker, 6.0, 2, tmp_path)), EXPECTED)
     assert len(list(tmp_path.iterdir())) == 2
     scheduler.close()
     assert not multiprocessing.active_children()
@@ -344,7 +345,7 @@ def test_processes_that_die_once_or_twice(tmp_path):
 def test_the_chunk_that_kills_is_told_from_those_beside_it(tmp_path):
     scheduler = ChunkScheduler(processes(2))
     with pytest.raises(ChunkError, match=r"rows 6 to 7 .* 3 attempts.*its worker died") as caught:
-        run(scheduler, Twice(die, 6.0, 99, tmp_path))
+        run(scheduler, DoublingWithFault(kill_worker, 6.0, 99, tmp_path))
     assert caught.value.first == 6
     assert "beside it" not in str(caught.value)
     assert not multiprocessing.active_children()
@@ -352,20 +353,20 @@ def test_the_chunk_that_kills_is_told_from_those_beside_it(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("deed", "reason"),
+    ("fault", "reason"),
     [
-        (leave, "SystemExit: 3 .process"),
-        (raise_unsendable, "Unsendable: this and that .process"),
+        (exit_process, "SystemExit: 3 .process"),
+        (raise_unpicklable, "Unpicklable: this and that .process"),
         (return_lock, "no answer came back .TypeError: cannot pickle"),
     ],
 )
-def test_what_cannot_come_back_from_a_process(deed, reason, tmp_path):
+def test_what_cannot_come_back_from_a_process(fault, reason, tmp_path):
     """Neither exits nor exceptions of a model end this process or its pool."""
     with processes(2)() as pool:
         scheduler = ChunkScheduler(pool)
-        assert np.array_equal(run(scheduler, Twice(deed, 6.0, 2, tmp_path)), EXPECTED)
+        assert np.array_equal(run(scheduler, DoublingWithFault(fault, 6.0, 2, tmp_path)), EXPECTED)
         with pytest.raises(ChunkError, match=rf"rows 6 to 7 .*3 attempts.*{reason}"):
-            run(scheduler, Twice(deed, 6.0, 99, tmp_path))
+            run(scheduler, DoublingWithFault(fault, 6.0, 99, tmp_path))
         assert pool.submit(abs, -1).result() == 1
 
 
@@ -375,7 +376,7 @@ def test_a_process_that_is_stopped_is_replaced(tmp_path, monkeypatch):
     monkeypatch.setattr(chunk_scheduler, "_GRACE", 0.5)
     scheduler = ChunkScheduler(processes(2))
     scheduler.setTimeout(1.0)
-    assert np.array_equal(run(scheduler, Twice(stop, 6.0, 1, tmp_path)), EXPECTED)
+    assert np.array_equal(run(scheduler, DoublingWithFault(stop_process, 6.0, 1, tmp_path)), EXPECTED)
     scheduler.close()
     assert not multiprocessing.active_children()
 
@@ -384,7 +385,7 @@ def test_a_process_that_is_stopped_is_replaced(tmp_path, monkeypatch):
 def test_a_process_that_hangs_is_ended(tmp_path):
     scheduler = ChunkScheduler(processes(2))
     scheduler.setTimeout(0.5)
-    assert np.array_equal(run(scheduler, Twice(hang, 6.0, 1, tmp_path)), EXPECTED)
+    assert np.array_equal(run(scheduler, DoublingWithFault(sleep_for_ever, 6.0, 1, tmp_path)), EXPECTED)
     scheduler.close()
     assert not multiprocessing.active_children()
 
@@ -393,7 +394,7 @@ def test_a_process_that_hangs_is_ended(tmp_path):
 def test_a_broken_pool_that_was_given_cannot_be_replaced(tmp_path):
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         with pytest.raises(ChunkError, match=r"takes no work .*give a callable that makes an executor"):
-            run(ChunkScheduler(pool), Twice(die, 6.0, 1, tmp_path))
+            run(ChunkScheduler(pool), DoublingWithFault(kill_worker, 6.0, 1, tmp_path))
         endExecutor(pool)
 
 
@@ -409,14 +410,14 @@ def process(_):
     time.sleep(0.2)
     return os.getpid()
 
-def hang(_):
+def sleep_for_ever(_):
     # It holds the lock of the interpreter: no other thread of its process runs any more.
     ctypes.PyDLL(None).sleep(1000)
 
 if __name__ == "__main__":
     pool = processes(2)()
     print(*set(pool.map(process, range(6))), flush=True)
-    pool.submit(hang, 0)
+    pool.submit(sleep_for_ever, 0)
     sys.stdin.read()
 """
 

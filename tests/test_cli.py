@@ -14,7 +14,7 @@ from small_cases import SMALL
 import satsep_ot
 from satsep_ot import cli
 from satsep_ot.commands import printing, simulate
-from satsep_ot.methods.parallel.scheduler import ChunkError
+from satsep_ot.methods.parallel.chunks import ChunkError
 from satsep_ot.model.case import load_case
 from satsep_ot.model.separation_function import SeparationError
 

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import openturns as ot
 import pytest
-from mischief import Twice, die, hang
+from fault_injection import DoublingWithFault, kill_worker, sleep_for_ever
 
 from satsep_ot.methods.parallel.executors import daskExecutor
 from satsep_ot.methods.parallel.function import FunctionChunkError, ParallelFunction
@@ -46,8 +46,8 @@ def victims():
         yield cluster, made
 
 
-def doubled(folder, deed=die, where=-1.0, times=0):
-    return ot.PythonFunction(1, 1, func_sample=Twice(deed, where, times, folder))
+def doubled(folder, fault=kill_worker, row=-1.0, times=0):
+    return ot.PythonFunction(1, 1, func_sample=DoublingWithFault(fault, row, times, folder))
 
 
 def slowly(x):
@@ -140,7 +140,7 @@ def test_a_scheduler_that_goes_away_in_the_middle(victims):
 
 def test_a_chunk_that_kills_its_workers_ends_the_run(victims, tmp_path):
     """With one attempt, which is four of Dask's: the chunk, or one that waited at the same worker, is named."""
-    function = ParallelFunction(doubled(tmp_path, die, 150.0, 99), victims[1])
+    function = ParallelFunction(doubled(tmp_path, kill_worker, 150.0, 99), victims[1])
     function.setChunkSize(10)
     function.setMaximumAttempts(1)
     with pytest.raises(FunctionChunkError, match=r"rows \d+ to \d+ .*no answer came back \(KilledWorker") as caught:
@@ -156,7 +156,7 @@ def test_the_chunk_that_kills_its_workers_is_told_from_those_beside_it(victims, 
     """With two attempts: the second one of all that were lost is alone. Each attempt here is one worker of Dask's."""
     cluster, executor = victims
     cluster.scheduler.allowed_failures = 0
-    function = ParallelFunction(doubled(tmp_path, die, 150.0, 99), executor)
+    function = ParallelFunction(doubled(tmp_path, kill_worker, 150.0, 99), executor)
     function.setChunkSize(10)
     function.setMaximumAttempts(2)
     with pytest.raises(FunctionChunkError, match=r"rows 150 to 159 could not be computed in 2 attempts") as caught:
@@ -196,7 +196,7 @@ def test_a_chunk_that_fails_on_one_worker_is_tried_on_another(executor):
 
 
 def test_a_worker_that_hangs_is_ended(victims, tmp_path):
-    function = ParallelFunction(doubled(tmp_path, hang, 150.0, 1), victims[1])
+    function = ParallelFunction(doubled(tmp_path, sleep_for_ever, 150.0, 1), victims[1])
     function.setChunkSize(10)
     function.setTimeout(1.0)
     assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)

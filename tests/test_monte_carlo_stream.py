@@ -10,13 +10,13 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import openturns as ot
 import pytest
-from mischief import Twice, forget_values, raise_error
+from fault_injection import DoublingWithFault, raise_error, return_nan
 from scipy import stats
 
 from satsep_ot.methods.parallel import monte_carlo_stream
+from satsep_ot.methods.parallel.chunks import ChunkError
 from satsep_ot.methods.parallel.executors import processes
 from satsep_ot.methods.parallel.monte_carlo_stream import BlockSummary, MonteCarloStream
-from satsep_ot.methods.parallel.scheduler import ChunkError
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -330,11 +330,11 @@ def test_a_checkpoint_of_other_runs_is_refused(tmp_path):
             made.run()
 
 
-@pytest.mark.parametrize(("deed", "reason"), [(raise_error, "licence"), (forget_values, "is not finite")])
-def test_rows_that_fail_are_named_and_the_others_kept(deed, reason, tmp_path):
-    (tmp_path / "deeds").mkdir()
+@pytest.mark.parametrize(("fault", "reason"), [(raise_error, "licence"), (return_nan, "is not finite")])
+def test_rows_that_fail_are_named_and_the_others_kept(fault, reason, tmp_path):
+    (tmp_path / "faults").mkdir()
     rows = np.arange(1000.0)[:, None]
-    function = ot.PythonFunction(1, 1, func_sample=Twice(deed, 450.0, 99, tmp_path / "deeds"))
+    function = ot.PythonFunction(1, 1, func_sample=DoublingWithFault(fault, 450.0, 99, tmp_path / "faults"))
     made = MonteCarloStream(function, rows)
     made.setBlockSize(10)
     made.setChunkSize(100)
@@ -344,9 +344,9 @@ def test_rows_that_fail_are_named_and_the_others_kept(deed, reason, tmp_path):
         with pytest.raises(ChunkError, match=f"rows 400 to 499 .* 3 attempts.*{reason}"):
             made.run()
         # The cause is away: the run goes on behind what it has.
-        for path in (tmp_path / "deeds").iterdir():
+        for path in (tmp_path / "faults").iterdir():
             path.unlink()
-        function = ot.PythonFunction(1, 1, func_sample=Twice(deed, 450.0, 0, tmp_path / "deeds"))
+        function = ot.PythonFunction(1, 1, func_sample=DoublingWithFault(fault, 450.0, 0, tmp_path / "faults"))
         again = MonteCarloStream(function, rows)
         again.setBlockSize(10)
         again.setCheckpointFile(tmp_path / "state.json")

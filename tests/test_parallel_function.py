@@ -12,12 +12,12 @@ import numba
 import numpy as np
 import openturns as ot
 import pytest
-from mischief import Twice, die, forget_values, lose_rows, raise_error, return_text
+from fault_injection import DoublingWithFault, drop_row, kill_worker, raise_error, return_nan, return_text
 from scipy import integrate, stats
 
 from satsep_ot.methods.parallel.executors import processes
 from satsep_ot.methods.parallel.function import FunctionChunkError, ParallelFunction
-from satsep_ot.methods.parallel.scheduler import _load
+from satsep_ot.methods.parallel.worker import load
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.model.separation_function import SeparationFunction
@@ -39,12 +39,12 @@ class Model(ot.OpenTURNSPythonFunction):
         return [x[0] * x[1], np.sin(x[0]), x[0] / (1.0 + x[1] ** 2)]
 
 
-class Asked(Twice, ot.OpenTURNSPythonFunction):
+class Asked(DoublingWithFault, ot.OpenTURNSPythonFunction):
     """The same through `evaluate`, for OpenTURNS."""
 
     def __init__(self, *arguments):
         ot.OpenTURNSPythonFunction.__init__(self, 1, 1)
-        Twice.__init__(self, *arguments)
+        DoublingWithFault.__init__(self, *arguments)
 
     def _exec_sample(self, X):
         return self(X)
@@ -86,7 +86,7 @@ SCRIPT = """
 import math
 import sys
 import openturns as ot
-from satsep_ot.methods.parallel.scheduler import Work
+from satsep_ot.methods.parallel.chunks import Work
 from satsep_ot.methods.parallel.function import FunctionWork
 
 FACTOR = 3.0
@@ -113,7 +113,7 @@ def test_functions_of_a_script_take_what_they_use_with_them(tmp_path):
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
     subprocess.run([sys.executable, str(tmp_path / "script.py"), str(tmp_path)], check=True)
     for number in range(3):
-        function = _load((tmp_path / str(number)).read_bytes())
+        function = load((tmp_path / str(number)).read_bytes())
         assert function(("evaluate", np.array([[4.0]]))).tolist() == [[6.0]]
 
 
@@ -259,9 +259,9 @@ def test_two_workers_wait_at_the_same_time():
     assert most[0] == 2
 
 
-@pytest.mark.parametrize("deed", [raise_error, lose_rows, forget_values, return_text])
-def test_what_a_worker_must_not_return_is_asked_for_again(deed, threads, tmp_path):
-    function = ParallelFunction(Asked(deed, 6.0, 2, tmp_path), threads)
+@pytest.mark.parametrize("fault", [raise_error, drop_row, return_nan, return_text])
+def test_what_a_worker_must_not_return_is_asked_for_again(fault, threads, tmp_path):
+    function = ParallelFunction(Asked(fault, 6.0, 2, tmp_path), threads)
     function.setChunkSize(4)
     assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
     assert len(list(tmp_path.iterdir())) == 2
@@ -269,16 +269,16 @@ def test_what_a_worker_must_not_return_is_asked_for_again(deed, threads, tmp_pat
 
 
 @pytest.mark.parametrize(
-    ("deed", "reason"),
+    ("fault", "reason"),
     [
         (raise_error, "ArithmeticError: the licence server is away"),
-        (lose_rows, r"the function returned an array of shape \(3, 1\), where \(4, 1\) is needed"),
-        (forget_values, r"the function returned \[nan\] in row 0 of these, which is not finite"),
+        (drop_row, r"the function returned an array of shape \(3, 1\), where \(4, 1\) is needed"),
+        (return_nan, r"the function returned \[nan\] in row 0 of these, which is not finite"),
         (return_text, r"the function returned an array of shape \(\), where \(4, 1\) is needed"),
     ],
 )
-def test_after_the_last_attempt_rows_and_reason_are_named(deed, reason, threads, tmp_path):
-    function = ParallelFunction(Asked(deed, 13.0, 99, tmp_path), threads)
+def test_after_the_last_attempt_rows_and_reason_are_named(fault, reason, threads, tmp_path):
+    function = ParallelFunction(Asked(fault, 13.0, 99, tmp_path), threads)
     function.setChunkSize(4)
     function.setMaximumAttempts(2)
     with pytest.raises(FunctionChunkError, match=rf"rows 12 to 15 could not be computed in 2 attempts.*: {reason}"):
@@ -296,7 +296,7 @@ def test_after_the_last_attempt_rows_and_reason_are_named(deed, reason, threads,
 
 
 def test_values_that_are_not_finite_where_they_are_allowed(threads, tmp_path):
-    function = ParallelFunction(Asked(forget_values, 13.0, 99, tmp_path), threads)
+    function = ParallelFunction(Asked(return_nan, 13.0, 99, tmp_path), threads)
     function.setChunkSize(1)
     function.setNonFiniteAllowed(True)
     assert np.flatnonzero(np.isnan(function.evaluate(POINTS)[:, 0])).tolist() == [13]
@@ -325,6 +325,6 @@ def test_bad_arguments_are_named(threads):
 
 @pytest.mark.slow
 def test_processes_that_are_killed_in_the_middle(tmp_path):
-    with ParallelFunction(Asked(die, 6.0, 1, tmp_path), processes(2)) as function:
+    with ParallelFunction(Asked(kill_worker, 6.0, 1, tmp_path), processes(2)) as function:
         function.setChunkSize(2)
         assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)

@@ -9,7 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import openturns as ot
 import pytest
-from mischief import Twice
+from fault_injection import DoublingWithFault
 
 from satsep_ot.methods.comparison.benchmark import ReliabilityBenchmark
 from satsep_ot.methods.comparison.benchmark_result import BenchmarkRow, ReliabilityBenchmarkResult
@@ -17,9 +17,9 @@ from satsep_ot.methods.comparison.method import ReliabilityMethod, Row
 from satsep_ot.methods.comparison.problem import BenchmarkTask
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem
 from satsep_ot.methods.comparison.simulations import MonteCarlo
+from satsep_ot.methods.parallel.chunks import ChunkError
 from satsep_ot.methods.parallel.executors import processes
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
-from satsep_ot.methods.parallel.scheduler import ChunkError
 
 TRUTH = 1e-2
 
@@ -271,7 +271,7 @@ class Deadly(ReliabilityMethod):
 
     def run(self, problem):
         sample = problem.event.getAntecedent().getSample(100)
-        if sample[0, 0] < 0.0 and Twice(None, 0.0, self.times, self.folder).isDue():
+        if sample[0, 0] < 0.0 and DoublingWithFault(None, 0.0, self.times, self.folder).is_due():
             os.kill(os.getpid(), signal.SIGKILL)
         failures = int(np.count_nonzero(problem.isFailure(np.array(sample))))
         return Row(self.name, failures / 100.0)
@@ -287,10 +287,10 @@ def test_a_worker_that_dies_is_replaced_and_a_repetition_that_kills_is_named(tmp
         rows([Deadly(tmp_path, 99)], 6, Executor=processes(2), File=path)
     # Of six seeds some draw nothing below zero first; what was finished is kept, the rest is made.
     assert 0 < len(path.read_text(encoding="utf-8").splitlines()) < 6
-    for deed in tmp_path.glob("deed-*"):
-        deed.unlink()
+    for fault in tmp_path.glob("fault-*"):
+        fault.unlink()
     found = rows([Deadly(tmp_path, 2)], 6, Executor=processes(2), File=path)["Deadly"]
-    assert len(list(tmp_path.glob("deed-*"))) == 2
+    assert len(list(tmp_path.glob("fault-*"))) == 2
     assert (found.bias, found.error, found.repetitions) == (expected.bias, expected.error, 6)
 
 

@@ -14,8 +14,9 @@ from satsep_ot.methods.comparison.comparison import ReliabilityComparison
 from satsep_ot.methods.comparison.method import ReliabilityMethod, Row
 from satsep_ot.methods.comparison.methods import METHODS, makeMethod
 from satsep_ot.methods.comparison.problem import BenchmarkTask
+from satsep_ot.methods.parallel.chunks import Chunk, Work
 from satsep_ot.methods.parallel.monte_carlo_stream import generatorLock
-from satsep_ot.methods.parallel.scheduler import Chunk, ChunkScheduler, Work
+from satsep_ot.methods.parallel.scheduler import ChunkScheduler
 
 
 class ReliabilityBenchmark:

@@ -8,7 +8,9 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
-from satsep_ot.methods.parallel.scheduler import Chunk, ChunkError, ChunkScheduler, Work
+from satsep_ot.deprecation import DeprecatedAlias
+from satsep_ot.methods.parallel.chunks import Chunk, ChunkError, Work
+from satsep_ot.methods.parallel.scheduler import ChunkScheduler
 from satsep_ot.openturns_adapter import Shared, callFunction, hasGradient, hasHessian
 
 # Points of a chunk at most: larger ones gain nothing even where a point takes microseconds.
@@ -166,9 +168,11 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         """How often a chunk is tried (default 3)."""
         self._scheduler.setMaximumAttempts(number)
 
-    def setPatience(self, seconds: float) -> None:
+    def setClusterTimeLimit(self, seconds: float) -> None:
         """How long a cluster may be without any worker before there is an error (default 300 s)."""
-        self._scheduler.setPatience(seconds)
+        self._scheduler.setClusterTimeLimit(seconds)
+
+    setPatience = DeprecatedAlias("setClusterTimeLimit")
 
     def setNonFiniteAllowed(self, allowed: bool) -> None:
         """Whether NaN and infinity are values that the function may have (default: no)."""
