@@ -42,7 +42,7 @@ MOVED: dict[str, tuple[str, ...]] = {
     "methods.inverse_regression": ("methods.subspaces.inverse_regression",),
     "methods.limit_state_event": ("methods.reliability.limit_state", "methods.common.margins", "openturns_adapter"),
     "methods.limit_state_surrogate": ("methods.reliability.surrogate",),
-    "methods.monte_carlo_stream": ("methods.parallel.monte_carlo_stream",),
+    "methods.monte_carlo_stream": ("methods.parallel.monte_carlo_stream", "methods.parallel.block_summary"),
     "methods.parallel_function": ("methods.parallel.function", "openturns_adapter"),
     "methods.polynomial_basis": ("methods.polynomials.basis", "methods.polynomials.fit"),
     "methods.polynomial_design": ("methods.polynomials.design",),

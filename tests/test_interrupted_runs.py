@@ -134,8 +134,8 @@ def test_a_benchmark_that_is_killed_and_interrupted(tmp_path):
 # As `python -m satsep_ot`, but with a checkpoint after almost every chunk, to be killed between two of them.
 OFTEN = """
 from satsep_ot import cli
-from satsep_ot.methods.parallel import monte_carlo_stream
-monte_carlo_stream._CHECKPOINT_INTERVAL = 0.1
+from satsep_ot.methods.parallel import stream_storage
+stream_storage.CHECKPOINT_INTERVAL = 0.1
 raise SystemExit(cli.main())
 """
 RUNS = 400_000

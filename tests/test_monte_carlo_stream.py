@@ -13,10 +13,11 @@ import pytest
 from fault_injection import DoublingWithFault, raise_error, return_nan
 from scipy import stats
 
-from satsep_ot.methods.parallel import monte_carlo_stream
+from satsep_ot.methods.parallel import stream_storage
+from satsep_ot.methods.parallel.block_summary import BlockSummary
 from satsep_ot.methods.parallel.chunks import ChunkError
 from satsep_ot.methods.parallel.executors import processes
-from satsep_ot.methods.parallel.monte_carlo_stream import BlockSummary, MonteCarloStream
+from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -180,7 +181,7 @@ def stop_at(share):
 
 @pytest.mark.parametrize("interval", [0.0, 1e9])
 def test_an_interrupted_run_continues_to_the_same_result(interval, tmp_path, monkeypatch):
-    monkeypatch.setattr(monte_carlo_stream, "_CHECKPOINT_INTERVAL", interval)
+    monkeypatch.setattr(stream_storage, "CHECKPOINT_INTERVAL", interval)
     plain = stream()
     plain.setOutputFile(tmp_path / "plain.npy")
     expected = run(plain)
@@ -212,7 +213,7 @@ def test_an_interrupted_run_continues_to_the_same_result(interval, tmp_path, mon
 @pytest.mark.parametrize("interval", [0.0, 1e9])
 def test_rows_are_in_the_file_before_a_checkpoint_counts_them(interval, tmp_path, monkeypatch):
     """A process may be killed right after any checkpoint, the last one included; its buffers are lost then."""
-    monkeypatch.setattr(monte_carlo_stream, "_CHECKPOINT_INTERVAL", interval)
+    monkeypatch.setattr(stream_storage, "CHECKPOINT_INTERVAL", interval)
     expected, replace, part = run(stream(530)), os.replace, tmp_path / "runs.npy.part"
     seen = []
 
@@ -384,7 +385,7 @@ def test_bad_arguments_are_named():
         with pytest.raises(ValueError, match=f"the number of runs is {size}; a whole number from 1 on is needed"):
             MonteCarloStream(SUM, ot.Normal(2), size)
     made = stream(10)
-    with pytest.raises(ValueError, match="'weight' is no output of the function; it has sum, first"):
+    with pytest.raises(ValueError, match="'weight' is no output of the function; give its index or its name out of"):
         made.setEvents({"heavy": ("weight", ot.Greater(), 1.0)})
     with pytest.raises(ValueError, match="it must be finite"):
         made.setEvents({"never": ("sum", ot.Greater(), math.inf)})

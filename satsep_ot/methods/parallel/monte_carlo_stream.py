@@ -1,13 +1,10 @@
 """Monte Carlo of any size in constant memory: runs are drawn, made and counted block by block, on any executor."""
 
 import contextlib
-import dataclasses
 import hashlib
-import json
 import math
 import os
 import threading
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -18,72 +15,18 @@ import openturns as ot
 
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.methods.common.margins import thresholdMargin
+from satsep_ot.methods.parallel.block_summary import BlockSummary
+from satsep_ot.methods.parallel.chunks import Chunk, Work
 from satsep_ot.methods.parallel.function import FunctionWork, wrongResult
-from satsep_ot.methods.parallel.scheduler import Chunk, ChunkScheduler, Work
+from satsep_ot.methods.parallel.scheduler import ChunkScheduler
+from satsep_ot.methods.parallel.stream_storage import StreamProgress, openRowFile
 
 # Blocks that a worker makes at once.
 _CHUNK_BLOCKS = 16
-# Between two checkpoints [s].
-_CHECKPOINT_INTERVAL = 2.0
 # Seeds of the blocks of one stream differ: OpenTURNS takes them modulo this.
 _SEEDS = 2**32
 # OpenTURNS has one random generator for all threads of a process. What holds it may run a stream of its own.
 generatorLock = threading.RLock()
-
-
-@dataclasses.dataclass
-class BlockSummary:
-    """What remains of the runs of a block, or of many.
-
-    Attributes
-    ----------
-    size : int
-    mean, squares, least, most : ndarray, shape (p,)
-        Of each output: mean, sum of the squared deviations from it, smallest and largest value.
-    counts : ndarray of int, shape (E + 1,)
-        Runs in each event, and in any of them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from satsep_ot.methods.parallel.monte_carlo_stream import BlockSummary
-    >>> parts = [BlockSummary.of(np.array([[1.0], [3.0]]), ()), BlockSummary.of(np.array([[8.0]]), ())]
-    >>> both = parts[0].merged(parts[1])
-    >>> both.size, both.mean.tolist(), both.squares.tolist()
-    (3, [4.0], [26.0])
-    """
-
-    size: int
-    mean: np.ndarray
-    squares: np.ndarray
-    least: np.ndarray
-    most: np.ndarray
-    counts: np.ndarray
-
-    @staticmethod
-    def of(values: np.ndarray, events: Sequence[tuple[int, ot.ComparisonOperator, float]]) -> "BlockSummary":
-        """The summary of outputs (n, p); an event is (column, comparison operator, threshold)."""
-        inside = [thresholdMargin(operator, limit)(values[:, column]) <= 0.0 for column, operator, limit in events]
-        counts = [int(np.count_nonzero(hits)) for hits in inside]
-        counts.append(int(np.count_nonzero(np.any(inside, axis=0))) if inside else 0)
-        mean = values.mean(axis=0)
-        squares = ((values - mean) ** 2).sum(axis=0)
-        return BlockSummary(
-            len(values), mean, squares, values.min(axis=0), values.max(axis=0), np.array(counts, dtype=np.int64)
-        )
-
-    def merged(self, other: "BlockSummary") -> "BlockSummary":
-        """The summary of the runs of both (Chan, Golub, LeVeque, The American Statistician 37, 1983, eq. 2.1)."""
-        size = self.size + other.size
-        difference = other.mean - self.mean
-        return BlockSummary(
-            size,
-            self.mean + difference * (other.size / size),
-            self.squares + other.squares + difference**2 * (self.size * other.size / size),
-            np.minimum(self.least, other.least),
-            np.maximum(self.most, other.most),
-            self.counts + other.counts,
-        )
 
 
 class _BlockWork:
@@ -193,15 +136,16 @@ class MonteCarloStream:
         events : dict of str to (output, operator, threshold)
             An output is its index or its name, which may leave out the unit in brackets; an operator is
             :py:class:`openturns.Greater` or another comparison.
+
+        Raises
+        ------
+        ValueError
+            No output, or more than one, has this name; a threshold is not finite.
         """
         labels = list(self._work.function.getOutputDescription())
-        names = [label.split(" [")[0] for label in labels]
-        columns = dict(zip(names, range(len(names)), strict=True)) | dict(zip(labels, range(len(names)), strict=True))
         found = {}
         for name, (output, operator, threshold) in events.items():
-            column = columns.get(output, output)
-            if not isinstance(column, (int, np.integer)) or not 0 <= column < len(names):
-                raise ValueError(f"'{output}' is no output of the function; it has {', '.join(names)}")
+            column = _outputColumn(labels, output)
             operator = ot.ComparisonOperator(operator)
             # Refuses a threshold that is not finite.
             thresholdMargin(operator, threshold)
@@ -263,29 +207,31 @@ class MonteCarloStream:
         """
         seed = ot.RandomGenerator.IntegerGenerate(2**31 - 1)
         events = tuple(self._events.values())
-        work = _BlockWork(
-            self._work, self._distribution, self._size, self._blockSize, seed, events, self._keeps
-        )  # fmt: skip
-        state = _State(self._checkpoint, self._fingerprint(work))
-        width = work.function.function.getOutputDimension()
-        width += work.function.function.getInputDimension() if self._keeps == "both" else 0
+        work = _BlockWork(self._work, self._distribution, self._size, self._blockSize, seed, events, self._keeps)
+        progress = StreamProgress(self._checkpoint, self._fingerprint(work))
 
         def check(chunk, result):
             return result if isinstance(result, str) else None
 
-        complete = self._file is None or (state.runs == self._size and self._file.exists())
-        file = contextlib.nullcontext() if complete else _RowFile(self._file, (self._size, width), state.runs)
-        with self._closing(), file as rows, state.savedAtLast(rows):
-            for chunk, (summaries, kept) in self._scheduler.run(Work(work), self._chunks(state.runs), check):
+        with self._closing(), self._rowFile(progress.runs) as rows, progress.savedAtLast(rows):
+            for chunk, (summaries, kept) in self._scheduler.run(Work(work), self._chunks(progress.runs), check):
                 if rows is not None:
                     rows.append(kept)
                 for summary in summaries:
-                    state.add(summary)
-                state.saveNowAndThen(rows)
+                    progress.add(summary)
+                progress.saveNowAndThen(rows)
                 if self._progressCallback is not None:
                     self._progressCallback(100.0 * chunk.end / self._size)
         names = list(self._work.function.getOutputDescription())
-        self._result = MonteCarloStreamResult(state.summary, names, list(self._events))
+        self._result = MonteCarloStreamResult(progress.summary, names, list(self._events))
+
+    def _rowFile(self, done):
+        """The file of rows, after those that are done; nothing where none is wanted or it is complete."""
+        if self._file is None or (done == self._size and self._file.exists()):
+            return contextlib.nullcontext()
+        function = self._work.function
+        width = function.getOutputDimension() + (function.getInputDimension() if self._keeps == "both" else 0)
+        return openRowFile(self._file, (self._size, width), done)
 
     def getResult(self) -> "MonteCarloStreamResult":
         """The :class:`MonteCarloStreamResult` of the last run."""
@@ -334,6 +280,17 @@ class MonteCarloStream:
             yield Chunk(first, end, (first // self._blockSize, -(-end // self._blockSize), X))
 
 
+def _outputColumn(labels, output):
+    """Index of an output that is given by it, by its label, or by what stands before the unit there."""
+    columns = [k for k, label in enumerate(labels) if label == output or label.startswith(f"{output} [")]
+    if isinstance(output, (int, np.integer)) and 0 <= output < len(labels):
+        return int(output)
+    if len(columns) != 1:
+        known = ", ".join(labels)
+        raise ValueError(f"'{output}' is no output of the function; give its index or its name out of {known}")
+    return columns[0]
+
+
 class _Rows:
     """Rows of an iterable of arrays, taken in order."""
 
@@ -360,96 +317,6 @@ class _Rows:
             self._left = np.asarray(self._left, dtype=float)
         taken, self._left = self._left[:most], self._left[most:]
         return taken
-
-
-class _RowFile:
-    """An .npy file that grows row by row, and has its name when it is complete.
-
-    Written, not mapped: pages of a map would count as memory of the process.
-    """
-
-    def __init__(self, path, shape, done):
-        self._path, self._shape, self._done = path, shape, done
-        self._part = path.with_name(path.name + ".part")
-
-    def __enter__(self):
-        if self._done and not self._part.exists():
-            raise ValueError(f"{self._part} is missing, whose rows the checkpoint counts; remove that to begin anew")
-        self._stream = open(self._part, "r+b" if self._done else "wb")
-        header = {"descr": "<f8", "fortran_order": False, "shape": self._shape}
-        np.lib.format.write_array_header_2_0(self._stream, header)
-        place = self._stream.tell() + 8 * self._shape[1] * self._done
-        self._stream.seek(0, os.SEEK_END)
-        if self._stream.tell() < place:
-            self._stream.close()
-            raise ValueError(f"{self._part} is shorter than the checkpoint says; remove both to begin anew")
-        self._stream.seek(place)
-        self._stream.truncate()
-        return self
-
-    def append(self, rows):
-        self._stream.write(np.ascontiguousarray(rows, dtype="<f8").data)
-
-    def sync(self):
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
-
-    def __exit__(self, kind, *rest):
-        self.sync()
-        self._stream.close()
-        if kind is None:
-            os.replace(self._part, self._path)
-
-
-class _State:
-    """What the runs so far gave, and its file."""
-
-    def __init__(self, path, fingerprint):
-        self._path, self._fingerprint = path, fingerprint
-        self.runs, self.summary, self._saved = 0, None, time.monotonic()
-        if path is not None and path.exists():
-            self._load()
-
-    def _load(self):
-        try:
-            document = json.loads(self._path.read_text(encoding="utf-8"))
-            differing = [key for key, value in self._fingerprint.items() if document["of"][key] != value]
-            fields = {key: np.array(value) for key, value in document["summary"].items()}
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{self._path} is no checkpoint of a stream ({error}); remove it to begin anew") from error
-        if differing:
-            raise ValueError(f"{self._path} is the checkpoint of other runs: {', '.join(differing)} differ")
-        self.summary = BlockSummary(**{**fields, "size": int(fields["size"])})
-        self.runs = self.summary.size
-
-    def add(self, summary):
-        self.summary = summary if self.summary is None else self.summary.merged(summary)
-        self.runs = self.summary.size
-
-    def saveNowAndThen(self, rows):
-        if self._path is not None and time.monotonic() - self._saved > _CHECKPOINT_INTERVAL:
-            self._save(rows)
-
-    @contextlib.contextmanager
-    def savedAtLast(self, rows):
-        try:
-            yield
-        finally:
-            if self._path is not None and self.summary is not None:
-                self._save(rows)
-
-    def _save(self, rows):
-        """Whole or not at all, and not before the rows that it counts; numbers in JSON come back to the last bit."""
-        if rows is not None:
-            rows.sync()
-        summary = {key: np.asarray(value).tolist() for key, value in dataclasses.asdict(self.summary).items()}
-        part = self._path.with_name(self._path.name + ".part")
-        with open(part, "w", encoding="utf-8") as stream:
-            json.dump({"of": self._fingerprint, "summary": summary}, stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(part, self._path)
-        self._saved = time.monotonic()
 
 
 class MonteCarloStreamResult:
