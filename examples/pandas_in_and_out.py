@@ -11,7 +11,7 @@ import numpy as np
 import openturns as ot
 import pandas
 
-from satsep_ot.model.inputs import build_distribution
+from satsep_ot.model.distributions import build_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 

@@ -6,6 +6,78 @@ import re
 
 import openturns as ot
 
+# What the cases of the package leave out.
+EVERY_TABLE = """
+horizon = 20.0
+platform = { mass = 1200.0, inertia = [1500.0, 600.0, 1500.0], center_of_mass = [0.0, -1600.0, 0.0] }
+[satellite]
+mass = 100.0
+inertia = [[9.35, 0.1, 0.0], [0.1, 8.0, 0.0], [0.0, 0.0, 9.35]]
+center_of_mass = [0.0, 400.0, 0.0]
+[springs]
+angles = [45.0, 135.0, 225.0, 315.0]
+radius = 300.0
+stiffness = [5500.0, 0.0, 5400.0, 5500.0]
+deformation = 40.0
+stroke = 30.0
+cant = 0.1
+delay = 1.0
+scale = [1.0, 1.01, 1.0, 1.0]
+table = { 2 = [[0.0, 220.0], [10.0, 170.0], [31.0, 55.0]] }
+force_line = "normal"
+guide_friction = 0.1
+[umbilical]
+angle = 30.0
+radius = 250.0
+stiffness = 2000.0
+deformation = 8.0
+stroke = 6.0
+friction = 15.0
+engagement = 5.0
+[impulse]
+momentum = [0.1, 0.2, 0.3]
+angular_momentum = [0.01, 0.02, 0.03]
+[initial]
+attitude = [10.0, 20.0, 30.0]
+rates = [0.1, 0.2, 0.3]
+velocity = [0.1, 0.2, 0.3]
+mounting_error = [0.0, 0.01, 0.0]
+pivot = "platform"
+[orbit]
+perigee_altitude = 500.0
+apogee_altitude = 600.0
+inclination = 97.0
+right_ascension = 10.0
+argument_of_perigee = 20.0
+true_anomaly = 30.0
+gravitational_parameter = 398600.4418
+gradient_torque = true
+j2 = true
+[recontact]
+start_orbits = 0.1
+end_orbits = 0.2
+[envelope]
+points = [[350.0, 0.0, 350.0], [300.0, 100.0, 300.0]]
+recess_radius = 520.0
+recess_depth = 250.0
+planes = [{ normal = [-1.0, 0.0, 0.0], offset = -400.0 }]
+[inputs]
+momentum = { quantity = "impulse.momentum.y", sigma = 0.1 }
+radius = { quantity = "springs.radius.each", plus_minus = 0.5, description = "radius" }
+connector = { quantity = "umbilical.friction", distribution = "Uniform", a = 10.0, b = 20.0 }
+wall = { quantity = "envelope.planes.1.offset", three_sigma = 1.0, mean = -401.0 }
+guide = { quantity = "springs.guide_friction", sigma = "5 %" }
+stroke = { quantity = "springs.stroke.2", plus_minus = 0.9 }
+[[correlation]]
+inputs = ["momentum", "radius"]
+coefficient = 0.1
+[[correlation]]
+inputs = ["wall", "guide"]
+rank = -0.2
+[[requirements]]
+quantity = "recontact_distance"
+minimum = 10.0
+"""
 DISTRIBUTIONS = sorted(
     name
     for name, value in vars(ot).items()

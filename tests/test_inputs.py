@@ -12,14 +12,8 @@ from satsep_ot.dynamics.separation import SPRING_SIZE
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model import inputs
 from satsep_ot.model.case import CaseError, load_case, parse_case
-from satsep_ot.model.inputs import (
-    ParameterMap,
-    build_distribution,
-    interval_digits,
-    joint_distribution,
-    quantile_range,
-    scatter_targets,
-)
+from satsep_ot.model.distributions import build_distribution, interval_digits, quantile_range
+from satsep_ot.model.inputs import ParameterMap, joint_distribution, nominal_parameters, scatter_targets
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 
@@ -340,9 +334,8 @@ def test_a_distribution_without_quantiles_is_refused(case, quantiles, words, mon
         return quantiles
 
     monkeypatch.setattr(inputs, "quantile_range", range_of)
-    nominal = dict(zip(case.separation.parameter_names(), case.separation.parameters(), strict=True))
     with pytest.raises(ValueError, match=words):
-        inputs.check_range(case.inputs[0], nominal)
+        inputs.check_range(case.inputs[0], nominal_parameters(case.separation))
 
 
 @pytest.mark.parametrize("word", ["total_rate", "rate", "angular_rate", "tumbling", "Tip-off rate"])

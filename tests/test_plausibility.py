@@ -7,7 +7,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.model.case import load_case, parse_case, shipped_cases
-from satsep_ot.model.plausibility import implausibilities, push_energy, requirement_scatter
+from satsep_ot.model.plausibility import plausibility_warnings, push_energy, requirement_scatter
 
 REFERENCE = load_case("reference").text
 FAST = ("stiffness = 5500.0", "stiffness = 5500.0e3")
@@ -15,14 +15,14 @@ FAST = ("stiffness = 5500.0", "stiffness = 5500.0e3")
 
 @pytest.mark.parametrize("name", shipped_cases())
 def test_the_cases_of_the_package_look_as_they_are_meant(name):
-    assert implausibilities(load_case(name)) == []
+    assert plausibility_warnings(load_case(name)) == []
 
 
 def test_50_metres_a_second_are_named_with_the_energy_that_gives_them():
     # v = sqrt(2 E / mu): 7000 times the energy of 16.5 J and 0.5979 m/s.
     case = parse_case(REFERENCE.replace("stiffness = 5500.0", "stiffness = 38.5e6"))
     assert push_energy(case.separation) == pytest.approx(7000 * 16.5)
-    assert f"gives {0.597913 * math.sqrt(7000):.3g} m/s" in implausibilities(case)[0]
+    assert f"gives {0.597913 * math.sqrt(7000):.3g} m/s" in plausibility_warnings(case)[0]
 
 
 @pytest.mark.parametrize(
@@ -46,7 +46,7 @@ def test_50_metres_a_second_are_named_with_the_energy_that_gives_them():
 )  # fmt: skip
 def test_what_is_hardly_meant_is_said(old, new, words):
     assert old in REFERENCE
-    assert any(words in sentence for sentence in implausibilities(parse_case(REFERENCE.replace(old, new, 1))))
+    assert any(words in sentence for sentence in plausibility_warnings(parse_case(REFERENCE.replace(old, new, 1))))
 
 
 CUBESAT = re.sub(r" *#.*", "", load_case("cubesat").text)
@@ -94,10 +94,10 @@ STRUT = BARE.replace('force_line = "guided"', 'force_line = "strut"\nstowed_leng
 )  # fmt: skip
 def test_a_unit_a_thousand_times_larger_is_named(text, old, new, sentence):
     assert old in text
-    sentences = implausibilities(parse_case(text.replace(old, new, 1)))
+    sentences = plausibility_warnings(parse_case(text.replace(old, new, 1)))
     assert any(sentence in said for said in sentences), sentences
     # The right value is not.
-    assert not any(sentence[:20] in said for said in implausibilities(parse_case(text)))
+    assert not any(sentence[:20] in said for said in plausibility_warnings(parse_case(text)))
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_a_unit_a_thousand_times_larger_is_named(text, old, new, sentence):
 )  # fmt: skip
 def test_small_numbers_that_are_meant(old, new):
     assert old in CUBESAT
-    said = implausibilities(parse_case(CUBESAT.replace(old, new)))
+    said = plausibility_warnings(parse_case(CUBESAT.replace(old, new)))
     assert not any("written in" in sentence for sentence in said), said
 
 
@@ -155,9 +155,9 @@ SMALL = "recess_radius = 520.0\nrecess_depth = 250.0"
 )  # fmt: skip
 def test_an_arrangement_that_is_hardly_meant_is_said(old, new, sentence):
     assert old in BARE
-    said = implausibilities(parse_case(BARE.replace(old, new, 1)))
+    said = plausibility_warnings(parse_case(BARE.replace(old, new, 1)))
     assert any(one.startswith(sentence) for one in said), said
-    assert implausibilities(parse_case(BARE)) == []
+    assert plausibility_warnings(parse_case(BARE)) == []
 
 
 @pytest.mark.parametrize(
@@ -183,26 +183,26 @@ def test_an_arrangement_that_is_meant(old, new):
     for was, now in zip(old.split("|"), new.split("|"), strict=True):
         assert was in text
         text = text.replace(was, now, 1)
-    assert implausibilities(parse_case(text)) == []
+    assert plausibility_warnings(parse_case(text)) == []
 
 
 def test_walls_are_left_to_their_requirement():
     text = BARE.replace("half_width = 350.0", "half_width = 400.0", 1)
     requirement = '[[requirements]]\nquantity = "clearance"\nminimum = 0.0\n'
-    said = implausibilities(parse_case(text + requirement))
+    said = plausibility_warnings(parse_case(text + requirement))
     assert [one.split(":")[0] for one in said] == ["requirement clearance"]
 
 
 @pytest.mark.parametrize(("sigma", "warned"), [(0.3, False), (0.01, False), (0.005, True)])
 def test_a_cant_in_rad_is_named(sigma, warned):
     text = REFERENCE.replace('"springs.cant.each", sigma = 0.3', f'"springs.cant.each", sigma = {sigma}', 1)
-    said = implausibilities(parse_case(text))
+    said = plausibility_warnings(parse_case(text))
     assert len(said) == 4 * warned
     assert all("closer than anyone measures (deg; written in rad?)" in one for one in said)
 
 
 def test_all_runs_are_100_percent():
-    (sentence,) = implausibilities(parse_case(REFERENCE.replace("# horizon = 10.0 ", "horizon = 0.1 ", 1)))
+    (sentence,) = plausibility_warnings(parse_case(REFERENCE.replace("# horizon = 10.0 ", "horizon = 0.1 ", 1)))
     assert sentence.startswith("runs: 100 % of the combinations of the inputs fail")
 
 
@@ -214,7 +214,7 @@ def test_share_of_impossible_tensors_is_that_of_the_law():
         "[springs]\ncount = 2\nradius = 1000\nstiffness = 100\ndeformation = 20\nstroke = 10\n"
         '[inputs]\nIyy = { quantity = "satellite.inertia.yy", plus_minus = 0.5 }\n'
     )
-    (sentence,) = implausibilities(parse_case(text))
+    (sentence,) = plausibility_warnings(parse_case(text))
     assert "gives 50 % of the combinations" in sentence
 
 
@@ -222,7 +222,7 @@ def test_the_random_generator_is_left_alone():
     ot.RandomGenerator.SetSeed(4)
     before = ot.RandomGenerator.Generate()
     ot.RandomGenerator.SetSeed(4)
-    implausibilities(load_case("reference"))
+    plausibility_warnings(load_case("reference"))
     assert ot.RandomGenerator.Generate() == before
 
 
@@ -230,7 +230,7 @@ def test_a_stroke_that_scatters_beyond_its_table():
     text = load_case("reference").text.replace(
         "stroke = 30.0", "stroke = 30.0\ntable = { 2 = [[0, 220], [30.2, 55]] }", 1
     )
-    sentences = implausibilities(parse_case(text))
+    sentences = plausibility_warnings(parse_case(text))
     assert len(sentences) == 1
     assert sentences[0] == (
         "stroke: the stroke of spring 2 reaches 30.46 mm at the 99.9 % quantile, but its force-stroke table ends at "
@@ -259,7 +259,7 @@ def test_a_stroke_that_scatters_beyond_its_table():
 )  # fmt: skip
 def test_a_limit_in_a_wrong_unit_is_named_with_the_unit_that_it_seems_to_be_in(old, new, sentence):
     assert old in REFERENCE
-    (said,) = implausibilities(parse_case(REFERENCE.replace(old, new, 1)))
+    (said,) = plausibility_warnings(parse_case(REFERENCE.replace(old, new, 1)))
     assert sentence in said
 
 
@@ -277,7 +277,7 @@ def test_a_limit_in_a_wrong_unit_is_named_with_the_unit_that_it_seems_to_be_in(o
 )
 def test_a_generous_limit_is_no_wrong_unit(old, new):
     assert old in REFERENCE
-    assert implausibilities(parse_case(REFERENCE.replace(old, new, 1))) == []
+    assert plausibility_warnings(parse_case(REFERENCE.replace(old, new, 1))) == []
 
 
 def test_scatter_of_a_requirement_is_that_of_its_quantity():
@@ -306,7 +306,7 @@ def test_a_case_without_scatter_is_judged_by_its_nominal_run():
     (row,) = requirement_scatter(case)
     assert (row.met, row.runs) == (0, 0)
     assert row.smallest == row.largest == row.nominal
-    assert implausibilities(case) == [
+    assert plausibility_warnings(case) == [
         "requirement axial_velocity: axial_velocity >= 590 m/s, but the nominal run has 0.598 (590 mm/s? That is 0.59 "
         "m/s)"
     ]

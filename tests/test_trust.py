@@ -16,7 +16,7 @@ from satsep_ot import cli
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.model.case import CaseError, load_case, parse_case
-from satsep_ot.model.inputs import build_distribution
+from satsep_ot.model.distributions import build_distribution
 from satsep_ot.studies.telling.document import ReportError
 from satsep_ot.studies.telling.report import render_report
 

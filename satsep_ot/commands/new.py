@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int | None:
     """Write the file."""
     from satsep_ot.model.case import new_case_text, shipped_cases
-    from satsep_ot.model.inputs import did_you_mean
+    from satsep_ot.model.spelling import did_you_mean
 
     known = shipped_cases()
     if options.like not in known:

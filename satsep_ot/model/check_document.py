@@ -8,8 +8,8 @@ from satsep_ot.dynamics.quantities import Quantity, quantity_table
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model.case import Case
-from satsep_ot.model.inputs import correlated_pairs, quantile_range
-from satsep_ot.model.plausibility import RequirementScatter, implausibilities, requirement_scatter
+from satsep_ot.model.distributions import correlated_pairs, quantile_range
+from satsep_ot.model.plausibility import RequirementScatter, plausibility_warnings, requirement_scatter
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,7 +71,7 @@ def check_case(case: Case) -> CheckedCase:
         },
         requirement_scatter(case),
         correlated_pairs([row.name for row in case.inputs], case.copula),
-        implausibilities(case),
+        plausibility_warnings(case),
     )
 
 

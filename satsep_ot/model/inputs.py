@@ -1,60 +1,19 @@
 """Uncertain inputs: a table of name, unit, distribution, and the parameters of the separation that each one moves."""
 
-import difflib
 import math
-import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import openturns as ot
 
+from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.separation import Separation
-from satsep_ot.dynamics.springs import ForceLaw, ForceLine
-from satsep_ot.openturns_adapter import REFUSALS, endsInterpreter, errorMessage, parameterNames
-
-_DEGREE = math.pi / 180.0
-_AXES = ("x", "y", "z")
-_TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
-# key of [springs] -> (parameter of one spring, unit in the case file, its size in SI, description)
-_SPRING_KEYS = {
-    "angles": ("angle", "deg", _DEGREE, "angle of the seat"),
-    "radius": ("radius", "mm", 1e-3, "ring radius"),
-    "stiffness": ("stiffness", "N/m", 1.0, "stiffness"),
-    "deformation": ("deformation", "mm", 1e-3, "initial deformation"),
-    "stroke": ("stroke", "mm", 1e-3, "stroke"),
-    "cant": ("cant", "deg", _DEGREE, "tangential cant"),
-    "delay": ("delay", "ms", 1e-3, "release delay"),
-    "scale": ("scale", "1", 1.0, "factor of the force"),
-}
-# key of [umbilical] -> (which of its two springs, parameter of it, unit, its size in SI, description)
-_UMBILICAL_KEYS = {
-    "angle": ((0, 1), "angle", "deg", _DEGREE, "angle"),
-    "radius": ((0, 1), "radius", "mm", 1e-3, "radius"),
-    "stiffness": ((0,), "stiffness", "N/m", 1.0, "stiffness"),
-    "deformation": ((0,), "deformation", "mm", 1e-3, "initial deformation"),
-    "stroke": ((0,), "stroke", "mm", 1e-3, "stroke"),
-    "friction": ((1,), "scale", "N", 1.0, "pin friction"),
-    "engagement": ((1,), "stroke", "mm", 1e-3, "engagement of the pins"),
-}
-# Parameters that make no sense below zero, by the end of their names; the first ones not at zero either.
-_POSITIVE = (
-    ".mass",
-    ".inertia.xx",
-    ".inertia.yy",
-    ".inertia.zz",
-    ".stiffness",
-    ".deformation",
-    ".stroke",
-    "stowed_length",
-    "recess_radius",
-    "recess_depth",
-)
-# What people write, without case and separators, for a word that is spelt otherwise: another one would be nearer.
-_SYNONYMS = dict.fromkeys(("3sigma", "3s", "sigma3"), "three_sigma") | dict.fromkeys(
-    ("rate", "totalrate", "angularrate", "bodyrate", "tumble", "tumblerate", "tumbling", "tumblingrate"), "tip_off_rate"
-)
-_NOT_NEGATIVE = (".radius", ".delay", ".scale", "guide_friction")
+from satsep_ot.dynamics.springs import ForceLaw
+from satsep_ot.model.distributions import quantile_range
+from satsep_ot.model.parameters import parameter_rows
+from satsep_ot.model.values import Unit
+from satsep_ot.openturns_adapter import REFUSALS, endsInterpreter, errorMessage
 
 
 @dataclass(frozen=True)
@@ -63,20 +22,23 @@ class Target:
 
     Parameters
     ----------
+    key : str
+        Table and key of its row in `satsep_ot.model.parameters`, for example "springs.cant".
     parameters : tuple of str
         Names of the parameters that move together.
-    unit : str
+    unit : :class:`satsep_ot.model.values.Unit`
         Unit in the case file.
-    factor : float
-        Size of that unit in SI.
     description : str
         What it is, in words.
+    entries : dict of int to str
+        The names of the targets that `.each` stands for, by the number of their spring or connector.
     """
 
+    key: str
     parameters: tuple[str, ...]
-    unit: str
-    factor: float
+    unit: Unit
     description: str
+    entries: dict[int, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -97,6 +59,8 @@ class UncertainInput:
         Value of the input at which the parameters have their nominal values, in `unit`.
     entry : str
         Name of the entry of the case file that it comes from: one tolerance may make an input for every spring.
+    key : str
+        Table and key of its row in `satsep_ot.model.parameters`, for example "springs.cant".
 
     Examples
     --------
@@ -114,6 +78,7 @@ class UncertainInput:
     factor: float
     reference: float
     entry: str = ""
+    key: str = ""
 
     @property
     def label(self) -> str:
@@ -167,40 +132,45 @@ def scatter_targets(separation: Separation) -> dict[str, Target]:
     --------
     >>> from satsep_ot.model.case import load_case
     >>> from satsep_ot.model.inputs import scatter_targets
-    >>> scatter_targets(load_case("reference").separation)["springs.cant.2"]
-    Target(parameters=('springs[1].cant',), unit='deg', factor=0.017453292519943295, description='tangential cant ...')
+    >>> target = scatter_targets(load_case("reference").separation)["springs.cant.2"]
+    >>> print(target.parameters, target.unit.name, target.description)
+    ('springs[1].cant',) deg tangential cant of spring 2
     """
-    targets = {}
-    for body in ("satellite", "platform"):
-        targets[f"{body}.mass"] = Target((f"{body}.mass",), "kg", 1.0, f"mass of the {body}")
-        for element in _TENSOR:
-            key = f"{body}.inertia.{element}"
-            targets[key] = Target((key,), "kg m2", 1.0, f"inertia {element} of the {body} about its centre of mass")
-        for axis in _AXES:
-            key = f"{body}.center_of_mass.{axis}"
-            targets[key] = Target((key,), "mm", 1e-3, f"centre of mass of the {body} along {axis} from the ring centre")
-    targets |= _spring_targets(separation)
-    for axis in _AXES:
-        targets[f"initial.rates.{axis}"] = Target((f"rates.{axis}",), "deg/s", _DEGREE, f"initial rate about {axis}")
-        targets[f"initial.mounting_error.{axis}"] = Target(
-            (f"mounting_error.{axis}",), "deg", _DEGREE, f"mounting error of the satellite about {axis}"
-        )
-        targets[f"impulse.momentum.{axis}"] = Target((f"impulse.{axis}",), "N s", 1.0, f"impulse at t = 0 along {axis}")
-        targets[f"impulse.angular_momentum.{axis}"] = Target(
-            (f"angular_impulse.{axis}",), "N m s", 1.0, f"angular impulse at t = 0 about {axis}"
-        )
-    if separation.force_line == ForceLine.STRUT:
-        targets["springs.stowed_length"] = Target(("stowed_length",), "mm", 1e-3, "stowed length of the springs")
-    if separation.force_line == ForceLine.NORMAL:
-        targets["springs.guide_friction"] = Target(("guide_friction",), "1", 1.0, "friction coefficient of the guides")
-    if separation.envelope is not None:
-        # Radius 0 is a recess without a cylinder.
-        for size in ("radius", "depth") if separation.recess_radius > 0.0 else ("depth",):
-            targets[f"envelope.recess_{size}"] = Target((f"recess_{size}",), "mm", 1e-3, f"{size} of the recess")
-        for i in range(1, len(separation.recess_planes) + 1):
-            targets[f"envelope.planes.{i}.offset"] = Target(
-                (f"recess_planes[{i - 1}].offset",), "mm", 1e-3, f"offset of plane {i} of the recess"
-            )
+    unused, connectors = separation.unused_parameters(), umbilical_springs(separation)
+    places = [place for place in separation.parameter_places() if place.name not in unused]
+    of_connectors = {i for first in connectors for i in (first, first + 1)}
+    targets: dict[str, Target] = {}
+    for table, row in parameter_rows():
+        key, members = f"{table.name}.{row.key}", [place for place in places if place.path == row.field]
+        if row.of_connector:
+            named = {
+                number: tuple(place.name for place in members if place.index - first in row.of_connector)
+                for number, first in enumerate(connectors, start=1)
+            }
+            targets |= _numbered(key, row, named, "umbilical connector")
+        elif row.holder == "springs":
+            named = {place.index + 1: (place.name,) for place in members if place.index not in of_connectors}
+            targets |= _numbered(key, row, named, "spring")
+        elif row.holder == "recess_planes":
+            for number, place in enumerate(members, start=1):
+                description = row.scatters.format(number=number)
+                targets[f"{table.name}.{number}.{row.key}"] = Target(key, (place.name,), row.unit, description)
+        else:
+            for place in members:
+                name = f"{key}.{place.element}" if place.element else key
+                targets[name] = Target(key, (place.name,), row.unit, row.scatters.format(element=place.element))
+    return targets
+
+
+def _numbered(key, row, named, what):
+    """One target for what moves together, and one for each by its number; none where there is nothing."""
+    if not named:
+        return {}
+    entries = {number: f"{key}.{number}" for number in named}
+    every = tuple(parameter for parameters in named.values() for parameter in parameters)
+    targets = {key: Target(key, every, row.unit, f"{row.scatters} of all {what}s", entries)}
+    for number, parameters in named.items():
+        targets[entries[number]] = Target(key, parameters, row.unit, f"{row.scatters} of {what} {number}")
     return targets
 
 
@@ -231,149 +201,14 @@ def umbilical_springs(separation: Separation) -> list[int]:
     ]
 
 
-def _spring_targets(separation):
-    """The targets of springs and umbilical connectors: of all together, and of each by its number."""
-    connectors = umbilical_springs(separation)
-    springs = [i for i in range(len(separation.springs)) if not {i, i - 1} & set(connectors)]
-    linear = [i for i in springs if separation.springs.laws[i] == ForceLaw.LINEAR]
-    targets = {}
-    for key, (parameter, unit, factor, description) in _SPRING_KEYS.items():
-        # Another law than the linear one has neither stiffness nor deformation.
-        members = linear if key in ("stiffness", "deformation") else springs
-        named = {i + 1: (f"springs[{i}].{parameter}",) for i in members}
-        targets |= _numbered(f"springs.{key}", named, unit, factor, description, "spring")
-    for key, (places, parameter, unit, factor, description) in _UMBILICAL_KEYS.items():
-        named = {n: tuple(f"springs[{i + k}].{parameter}" for k in places) for n, i in enumerate(connectors, start=1)}
-        targets |= _numbered(f"umbilical.{key}", named, unit, factor, description, "umbilical connector")
-    return targets
-
-
-def _numbered(key, named, unit, factor, description, what):
-    """One target for what moves together, and one for each by its number; none where there is nothing."""
-    if not named:
-        return {}
-    every = tuple(parameter for parameters in named.values() for parameter in parameters)
-    targets = {key: Target(every, unit, factor, f"{description} of all {what}s")}
-    for number, parameters in named.items():
-        targets[f"{key}.{number}"] = Target(parameters, unit, factor, f"{description} of {what} {number}")
-    return targets
-
-
-def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distribution:
-    """An OpenTURNS distribution from its name and its parameters by name.
-
-    Parameters
-    ----------
-    name : str
-        Class name in OpenTURNS, for example "Uniform".
-    parameters : dict of str to float
-        By the names of `getParameterDescription` without the trailing "_0" (a Normal has mu and sigma; "mean" is
-        understood for mu). A shift "gamma" may be left out and is then 0.
-
-    Returns
-    -------
-    distribution : :class:`openturns.Distribution`
-        Univariate.
-
-    Raises
-    ------
-    ValueError
-        In one sentence, if the distribution or a parameter is unknown, missing or refused by OpenTURNS.
-
-    Examples
-    --------
-    >>> from satsep_ot.model.inputs import build_distribution
-    >>> print(build_distribution("Uniform", {"a": 0.0, "b": 2.0}))
-    Uniform(a = 0, b = 2)
-    """
-    distribution_class = vars(ot).get(name)
-    if not _is_distribution_class(distribution_class):
-        known = [key for key, value in vars(ot).items() if _is_distribution_class(value)]
-        raise ValueError(f"{name[:60]!r} is no OpenTURNS distribution{did_you_mean(name, known)}")
-    try:
-        distribution = distribution_class()
-        dimension = distribution.getDimension()
-        expected = parameterNames(distribution)
-    except REFUSALS as error:
-        raise ValueError(f"the distribution {name} cannot be given by parameters with names") from error
-    if dimension != 1 or distribution.isCopula():
-        raise ValueError(f"{name} is not univariate (its dimension is {dimension}); an input has one dimension")
-    given = dict(parameters)
-    if "mean" in given and "mu" in expected and "mu" not in given:
-        given["mu"] = given.pop("mean")
-    if "gamma" in expected:
-        given.setdefault("gamma", 0.0)
-    takes = f"{name} takes {', '.join(expected)}" if expected else f"{name} takes no parameters"
-    for key in given:
-        if key not in expected:
-            raise ValueError(f"{key[:60]!r} is no parameter of the distribution; {takes}")
-    for key in expected:
-        if key not in given:
-            raise ValueError(f"the parameter {key} of the distribution is missing; {takes}")
-    try:
-        distribution.setParameter([given[key] for key in expected])
-    except REFUSALS as error:
-        values = ", ".join(f"{key} = {given[key]:g}" for key in expected)
-        raise ValueError(f"OpenTURNS refuses {name}({values}): {errorMessage(error)}") from error
-    return ot.Distribution(distribution)
-
-
-def _is_distribution_class(value) -> bool:
-    return isinstance(value, type) and issubclass(value, ot.DistributionImplementation)
-
-
-def did_you_mean(given: str, known: Iterable[str]) -> str:
-    """The end of a sentence that names the nearest of the known words, or nothing.
-
-    Examples
-    --------
-    >>> from satsep_ot.model.inputs import did_you_mean
-    >>> did_you_mean("mas", ["mass", "inertia"])
-    "; did you mean 'mass'?"
-    """
-    lower = {word.lower(): word for word in known}
-    synonym = _SYNONYMS.get(re.sub(r"[\W_]", "", given.lower()))
-    nearest = [synonym] if synonym in lower else difflib.get_close_matches(given.lower(), lower, n=1)
-    return f"; did you mean '{lower[nearest[0]]}'?" if nearest else ""
-
-
-def quantile_range(distribution: ot.Distribution) -> tuple[float, float]:
-    """The 0.1 % and the 99.9 % quantile of a univariate distribution.
-
-    Examples
-    --------
-    >>> import openturns as ot
-    >>> from satsep_ot.model.inputs import quantile_range
-    >>> [round(value, 4) for value in quantile_range(ot.Uniform(0.0, 2.0))]
-    [0.002, 1.998]
-    """
-    return distribution.computeQuantile(0.001)[0], distribution.computeQuantile(0.999)[0]
-
-
-def interval_digits(low: float, high: float, least: int = 3) -> int:
-    """Significant digits in which the ends of an interval show its width to about three, however far from 0 it lies.
-
-    Examples
-    --------
-    >>> from satsep_ot.model.inputs import interval_digits
-    >>> f"{199.95:.{interval_digits(199.95, 200.05)}g}"
-    '199.95'
-    """
-    width = high - low
-    if not 0.0 < width < math.inf:
-        return least
-    # Beyond 15 digits there is only rounding.
-    return min(max(least, 3 + math.ceil(math.log10(max(abs(low), abs(high)) / width))), 15)
-
-
-def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> None:
+def check_range(uncertain_input: UncertainInput, nominal: dict[str, tuple[float, Sign]]) -> None:
     """Refuse an input whose 0.1 % quantile gives a parameter a value without physical sense.
 
     Parameters
     ----------
     uncertain_input : UncertainInput
-    nominal : dict of str to float
-        Nominal value of every parameter [SI].
+    nominal : dict of str to (float, Sign)
+        Nominal value [SI] and sign of each parameter, as `nominal_parameters` gives them.
 
     Raises
     ------
@@ -390,14 +225,28 @@ def check_range(uncertain_input: UncertainInput, nominal: dict[str, float]) -> N
     if not (math.isfinite(low) and math.isfinite(high)):
         raise ValueError(f"its 0.1 % to 99.9 % range, {low:g} to {high:g} {uncertain_input.unit}, is not finite")
     for parameter in uncertain_input.parameters:
-        lowest = nominal[parameter] / uncertain_input.factor + low - uncertain_input.reference
-        positive = parameter.endswith(_POSITIVE)
-        if (positive and lowest <= 0.0) or (parameter.endswith(_NOT_NEGATIVE) and lowest < 0.0):
-            allowed = "positive" if positive else "not negative"
+        value, sign = nominal[parameter]
+        lowest = value / uncertain_input.factor + low - uncertain_input.reference
+        if not sign.allows(lowest):
             raise ValueError(
                 f"its scatter brings the {uncertain_input.description} to {lowest:g} {uncertain_input.unit} "
-                f"at the 0.1 % quantile; it must stay {allowed}"
+                f"at the 0.1 % quantile; it must stay {sign.value}"
             )
+
+
+def nominal_parameters(separation: Separation) -> dict[str, tuple[float, Sign]]:
+    """Nominal value [SI] and sign of each parameter, by its name.
+
+    Parameters
+    ----------
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+
+    Returns
+    -------
+    nominal : dict of str to (float, Sign)
+    """
+    places = separation.parameter_places()
+    return {place.name: (value, place.sign) for place, value in zip(places, separation.parameters(), strict=True)}
 
 
 class ParameterMap:
@@ -491,82 +340,6 @@ class ParameterMap:
 
 def _spread(distribution):
     return 0.5 * (distribution.computeQuantile(0.8413)[0] - distribution.computeQuantile(0.1587)[0])
-
-
-def normal_copula(names: Sequence[str], correlations: dict[tuple[str, str], float]) -> ot.NormalCopula | None:
-    """The normal copula of uncertain inputs from correlations of some of them.
-
-    Parameters
-    ----------
-    names : sequence of str, length n
-        Of all inputs.
-    correlations : dict of (str, str) to float
-        By pairs of different names; a coefficient lies between -1 and 1.
-
-    Returns
-    -------
-    copula : :class:`openturns.NormalCopula`, or None
-        Of dimension n; None where no pair is correlated.
-
-    Raises
-    ------
-    ValueError
-        If the coefficients contradict each other: their matrix is not positive definite. The message names the inputs.
-
-    Examples
-    --------
-    >>> from satsep_ot.model.inputs import normal_copula
-    >>> print(normal_copula(["a", "b"], {("a", "b"): 0.5}))
-    NormalCopula(R = [[ 1   0.5 ]
-     [ 0.5 1   ]])
-    """
-    if not any(correlations.values()):
-        return None
-    names = list(names)
-    matrix = np.eye(len(names))
-    for (first, second), coefficient in correlations.items():
-        i, j = names.index(first), names.index(second)
-        matrix[i, j] = matrix[j, i] = coefficient
-    eigenvalues, vectors = np.linalg.eigh(matrix)
-    if not eigenvalues[0] > 1e-10:
-        involved = [name for name, share in zip(names, vectors[:, 0] ** 2, strict=True) if share > 1e-3]
-        among = {pair: value for pair, value in correlations.items() if pair[0] in involved and pair[1] in involved}
-        shown = ", ".join(f"{a} with {b} {value:g}" for (a, b), value in list(among.items())[:6])
-        shown += f", ... ({len(among)} in all)" if len(among) > 6 else ""
-        raise ValueError(
-            f"the correlations of {', '.join(involved)} contradict each other ({shown}): their matrix must be positive "
-            f"definite, and its smallest eigenvalue is {eigenvalues[0]:.3g}"
-        )
-    return ot.NormalCopula(ot.CorrelationMatrix(matrix.tolist()))
-
-
-def correlated_pairs(names: Sequence[str], copula: ot.NormalCopula | None) -> list[tuple[str, str, float]]:
-    """The pairs of inputs that a normal copula correlates.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of the inputs, in their order.
-    copula : :class:`openturns.NormalCopula`, optional
-        None for independent inputs.
-
-    Returns
-    -------
-    pairs : list of (str, str, float)
-        Two names and the coefficient of the copula, which is not 0.
-
-    Examples
-    --------
-    >>> from satsep_ot.model.inputs import correlated_pairs, normal_copula
-    >>> correlated_pairs(["a", "b", "c"], normal_copula(["a", "b", "c"], {("a", "c"): 0.5}))
-    [('a', 'c', 0.5)]
-    """
-    if copula is None:
-        return []
-    # The parameter of a NormalCopula is the lower triangle of its matrix, row by row.
-    places = [(j, i) for i in range(len(names)) for j in range(i)]
-    found = zip(places, copula.getParameter(), strict=True)
-    return [(names[j], names[i], coefficient) for (j, i), coefficient in found if coefficient]
 
 
 def joint_distribution(inputs: Sequence[UncertainInput], copula: ot.Distribution | None = None) -> ot.JointDistribution:

@@ -1,4 +1,4 @@
-"""What in a case is allowed but hardly meant: sentences for a person to read, never an error."""
+"""Warnings of what a case file allows but its author hardly means: sentences for a person to read, never an error."""
 
 import math
 from dataclasses import replace
@@ -8,19 +8,25 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
+from satsep_ot.dynamics.parameter_vector import TENSOR, Sign
 from satsep_ot.dynamics.quantities import quantity_table
-from satsep_ot.dynamics.separation import Status
+from satsep_ot.dynamics.separation import Status, inertia_tensor, is_inertia
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.case import Case, Requirement
+from satsep_ot.model.distributions import interval_digits, quantile_range
 from satsep_ot.model.hand_formulas import push_energy, push_velocity
-from satsep_ot.model.inputs import ParameterMap, interval_digits, joint_distribution, quantile_range
+from satsep_ot.model.inputs import ParameterMap, joint_distribution
+from satsep_ot.model.parameters import BODIES, parameter_rows
+from satsep_ot.model.values import KILOGRAM, KILOGRAM_SQUARE_METRE, MILLIMETRE, NEWTON_PER_METRE
 
 # Launchers separate satellites at 0.3 to 1 m/s, deployers at up to 2 m/s; a factor of some beyond is a wrong unit.
 _SLOWEST, _FASTEST = 0.02, 5.0  # m/s
 _LARGEST_ACCELERATION = 50.0 * 9.80665  # m/s2
 _LARGEST_RATE = 720.0  # deg/s, twice the 60 rpm of a spinning stage
 _LARGEST_RELATIVE_SCATTER = 0.2
+_KNOWN_RELATIVELY = (KILOGRAM, KILOGRAM_SQUARE_METRE, NEWTON_PER_METRE)  # units of what is known to some per cent
+_USUAL_ENVELOPE = (5.0, 5e4)  # mm
 _SAMPLE_SIZE = 1024
 # Units in which a document may give what the case file wants in another: how many of ours one of them is. Only those
 # that are far enough from ours to be told from a generous limit.
@@ -33,10 +39,6 @@ _OTHER_UNITS = {
 _FAR, _NEAR = 20.0, 5.0  # factors between a limit and the values of its quantity
 # A centre of mass this close to the ring centre, and this small a part of its body's radius of gyration, is in m.
 _NEAREST_CENTER, _NEAREST_CENTER_SHARE = 5e-3, 0.02  # m
-# Nobody knows a length or a delay as well as this, half of the range of 99.8 % of its values; least a centre of mass.
-_SMALLEST_SCATTER = {"mm": (0.005, "m"), "ms": (0.005, "s")}  # unit of the case file: size, the unit that it may be in
-_SMALLEST_CENTER_SCATTER = 0.05  # mm
-_SMALLEST_CANT_SCATTER = 0.02  # deg, 0.03 mm in the length of a spring
 _HELD_AROUND = 0.7  # radii of gyration
 # A heavy satellite on a kick stage or an adapter weighs up to 7 times as much.
 _LARGEST_MASS_RATIO = 10.0
@@ -70,8 +72,8 @@ class RequirementScatter(NamedTuple):
     runs: int
 
 
-def implausibilities(case: Case) -> list[str]:
-    """Sentences on what in a case is hardly meant: usually a wrong unit.
+def plausibility_warnings(case: Case) -> list[str]:
+    """Warnings of what is hardly meant in a case, usually a value in a wrong unit.
 
     Parameters
     ----------
@@ -85,11 +87,11 @@ def implausibilities(case: Case) -> list[str]:
     Examples
     --------
     >>> from satsep_ot.model.case import load_case, parse_case
-    >>> from satsep_ot.model.plausibility import implausibilities
-    >>> implausibilities(load_case("reference"))
+    >>> from satsep_ot.model.plausibility import plausibility_warnings
+    >>> plausibility_warnings(load_case("reference"))
     []
     >>> fast = load_case("reference").text.replace("stiffness = 5500.0", "stiffness = 5500.0e3")
-    >>> print(implausibilities(parse_case(fast))[0])
+    >>> print(plausibility_warnings(parse_case(fast))[0])
     springs: their energy of 1.65e+04 J gives 18.9 m/s; separations have 0.02 to 5 m/s (N/m and mm?)
     """
     return [
@@ -177,31 +179,31 @@ def _of_the_push(separation):
 
 def _of_the_sizes(separation):
     """Lengths and stiffnesses that are far from those of any separation; 0 is left out, there is no such thing then."""
-    springs = separation.springs
-    linear = springs.laws == ForceLaw.LINEAR
-    envelope = np.array([]) if separation.envelope is None else np.abs(separation.envelope).max(keepdims=True)
-    rules = (
-        ("springs: a radius", 1e3 * springs.radius, 5.0, 1e4, "mm", "m"),
-        ("springs: a deformation", 1e3 * springs.deformation[linear], 1.0, 2e3, "mm", "m"),
-        ("springs: a stroke", 1e3 * springs.stroke, 1.0, 2e3, "mm", "m"),
-        ("springs: a stowed length", 1e3 * np.array([separation.stowed_length]), 1.0, 5e3, "mm", "m"),
-        ("springs: a stiffness", springs.stiffness[linear], 5.0, 1e8, "N/m", "N/mm"),
-        ("envelope: a size", 1e3 * envelope, 5.0, 5e4, "mm", "m"),
-        ("envelope: a recess radius", 1e3 * np.array([separation.recess_radius]), 5.0, 5e4, "mm", "m"),
-        ("envelope: a recess depth", 1e3 * np.array([separation.recess_depth]), 1.0, 5e4, "mm", "m"),
-    )
-    for what, values, smallest, largest, unit, other in rules:
-        values = values[values != 0.0]
-        usual = f"separations have {smallest:g} to {largest:g} {unit}"
-        if len(values) and values.min() < smallest:
-            yield f"{what} of {values.min():.3g} {unit}; {usual} ({unit}; written in {other}?)"
-        if len(values) and values.max() > largest:
-            yield f"{what} of {values.max():.3g} {unit}; {usual} ({unit}?)"
+    unused = separation.unused_parameters()
+    values: dict[str, list[float]] = {}
+    for place, value in zip(separation.parameter_places(), separation.parameters(), strict=True):
+        if place.name not in unused and value != 0.0:
+            values.setdefault(place.path, []).append(value)
+    for table, row in parameter_rows():
+        if row.usual is not None and row.field in values:
+            what = f"{table.name}: a {row.parameter.replace('_', ' ')}"
+            yield from _unusual(what, values[row.field], row.unit, *row.usual)
+    if separation.envelope is not None:
+        yield from _unusual("envelope: a size", [np.abs(separation.envelope).max()], MILLIMETRE, *_USUAL_ENVELOPE)
+
+
+def _unusual(what, values, unit, smallest, largest):
+    values = np.array(values) / unit.factor
+    usual = f"separations have {smallest:g} to {largest:g} {unit.name}"
+    if values.min() < smallest:
+        yield f"{what} of {values.min():.3g} {unit.name}; {usual} ({unit.name}; written in {unit.mistaken}?)"
+    if values.max() > largest:
+        yield f"{what} of {values.max():.3g} {unit.name}; {usual} ({unit.name}?)"
 
 
 def _of_the_bodies(separation):
     ring = float(np.max(separation.springs.radius))
-    for name in ("platform", "satellite"):
+    for name in BODIES:
         body = getattr(separation, name)
         gyration = np.sqrt(np.linalg.eigvalsh(body.inertia) / body.mass)
         # Of a homogeneous box of side a it is 0.41 a.
@@ -295,49 +297,54 @@ def _of_the_walls(case):
 
 
 def _of_the_inputs(case):
-    for row in case.inputs:
-        low, high = quantile_range(row.distribution)
+    rows = {f"{table.name}.{row.key}": row for table, row in parameter_rows()}
+    places = {place.name: place for place in case.separation.parameter_places()}
+    for entry in case.inputs:
+        moved = [places[name] for name in entry.parameters]
+        low, high = quantile_range(entry.distribution)
         digits = interval_digits(low, high, 4)
-        likely = f"{low:.{digits}g} to {high:.{digits}g} {row.unit}"
-        half = 0.5 * (high - low)
-        mean = row.distribution.getMean()[0]
-        yield from _beyond_a_table(case.separation, row, high)
-        positive = row.unit in ("kg", "N/m") or row.parameters[0].endswith(("inertia.xx", "inertia.yy", "inertia.zz"))
-        if positive and half > 3.0 * _LARGEST_RELATIVE_SCATTER * abs(mean):
-            yield (
-                f"{row.name}: 99.8 % of its values lie within {likely}, a scatter of "
-                f"{100.0 * half / abs(mean):.0f} % of its mean"
-            )
-        smallest, other = _SMALLEST_SCATTER.get(row.unit, (0.0, ""))
-        if ".center_of_mass." in row.parameters[0]:
-            smallest = _SMALLEST_CENTER_SCATTER
-        if row.parameters[0].endswith(".cant"):
-            smallest, other = _SMALLEST_CANT_SCATTER, "rad"
-        if half < smallest:
-            yield (
-                f"{row.name}: 99.8 % of its values lie within {likely}, closer than anyone measures "
-                f"({row.unit}; written in {other}?)"
-            )
+        likely = f"{low:.{digits}g} to {high:.{digits}g} {entry.unit}"
+        yield from _beyond_a_table(case.separation, entry, moved, high)
+        # An input that was not made from the table of parameters has no row.
+        if entry.key in rows:
+            yield from _unusual_scatter(entry, rows[entry.key], moved[0].sign, 0.5 * (high - low), likely)
         # The end of a one-sided law, such as a delay of 0, may well be the nominal value.
-        if abs(row.reference - 0.5 * (low + high)) > 2.0 * half:
+        if abs(entry.reference - 0.5 * (low + high)) > high - low:
             yield (
-                f"{row.name}: its nominal value, {row.reference:.{digits}g} {row.unit}, is not among the likely ones, "
-                f"{likely}: the nominal run is not typical"
+                f"{entry.name}: its nominal value, {entry.reference:.{digits}g} {entry.unit}, is not among the likely "
+                f"ones, {likely}: the nominal run is not typical"
             )
 
 
-def _beyond_a_table(separation, row, high):
+def _unusual_scatter(entry, row, sign, half, likely):
+    """A scatter much wider, or much narrower, than that of any such parameter."""
+    mean = abs(entry.distribution.getMean()[0])
+    is_known = row.unit in _KNOWN_RELATIVELY and sign is Sign.POSITIVE
+    if is_known and half > 3.0 * _LARGEST_RELATIVE_SCATTER * mean:
+        yield (
+            f"{entry.name}: 99.8 % of its values lie within {likely}, a scatter of {100.0 * half / mean:.0f} % of its "
+            "mean"
+        )
+    smallest = row.unit.smallest_scatter if row.smallest_scatter is None else row.smallest_scatter
+    if half < smallest:
+        yield (
+            f"{entry.name}: 99.8 % of its values lie within {likely}, closer than anyone measures "
+            f"({entry.unit}; written in {row.unit.mistaken}?)"
+        )
+
+
+def _beyond_a_table(separation, entry, moved, high):
     """A stroke that scatters beyond the last row of its spring's table: nothing is known of the force there."""
-    for parameter in row.parameters:
-        if parameter.startswith("springs[") and parameter.endswith(".stroke"):
-            i = int(parameter[8 : parameter.index("]")])
-            stroke = separation.springs.stroke[i] + row.factor * (high - row.reference)
-            table = separation.springs.tables[i]
-            if table is not None and stroke > table[-1, 0]:
-                yield (
-                    f"{row.name}: the stroke of spring {i + 1} reaches {1e3 * stroke:.4g} mm at the 99.9 % quantile, "
-                    f"but its force-stroke table ends at {1e3 * table[-1, 0]:g} mm"
-                )
+    for place in moved:
+        table = separation.springs.tables[place.index] if place.path == "springs.stroke" else None
+        if table is None:
+            continue
+        stroke = separation.springs.stroke[place.index] + entry.factor * (high - entry.reference)
+        if stroke > table[-1, 0]:
+            yield (
+                f"{entry.name}: the stroke of spring {place.index + 1} reaches {1e3 * stroke:.4g} mm at the 99.9 % "
+                f"quantile, but its force-stroke table ends at {1e3 * table[-1, 0]:g} mm"
+            )
 
 
 def _scattered_runs(case):
@@ -411,18 +418,14 @@ def _of_runs(case):
 
 
 def _broken_tensors(case, parameters):
-    """Whether each combination breaks the triangle inequality, by body."""
-    index = {name: k for k, name in enumerate(case.separation.parameter_names())}
-    broken = {}
-    for body in ("platform", "satellite"):
-        xx, yy, zz, xy, xz, yz = (
-            parameters[:, index[f"{body}.inertia.{key}"]] for key in ("xx", "yy", "zz", "xy", "xz", "yz")
+    """Whether each combination gives a body a tensor that no body has, by body."""
+    columns = dict(zip(case.separation.parameter_names(), parameters.T, strict=True))
+    return {
+        body: ~is_inertia(
+            np.linalg.eigvalsh(inertia_tensor(*(columns[f"{body}.inertia.{element}"] for element in TENSOR)))
         )
-        tensors = np.stack([xx, xy, xz, xy, yy, yz, xz, yz, zz], axis=1).reshape(-1, 3, 3)
-        moments = np.linalg.eigvalsh(tensors)
-        excess = moments[:, 2] - moments[:, 0] - moments[:, 1]
-        broken[body] = (moments[:, 0] <= 0.0) | (excess > 1e-9 * moments[:, 2])
-    return broken
+        for body in BODIES
+    }
 
 
 def _share(flags):

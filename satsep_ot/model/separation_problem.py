@@ -7,8 +7,9 @@ import openturns as ot
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model.case import SYSTEM, Case, CaseError, Requirement, load_uncertain_case
-from satsep_ot.model.inputs import did_you_mean, joint_distribution
+from satsep_ot.model.inputs import joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.spelling import did_you_mean
 from satsep_ot.openturns_adapter import minimumFunction
 
 # Added to the argument of a norm and of an absolute value: their gradient at 0 is then one of the subgradients instead

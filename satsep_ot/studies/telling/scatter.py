@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from satsep_ot.model.inputs import UncertainInput, interval_digits
+from satsep_ot.model.distributions import interval_digits
+from satsep_ot.model.inputs import UncertainInput
 from satsep_ot.studies.telling.words import with_space
 
 

@@ -1,0 +1,184 @@
+"""Uncertain inputs and their correlations, from [inputs] and [[correlation]]."""
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import openturns as ot
+
+from satsep_ot.dynamics.parameter_vector import Sign
+from satsep_ot.dynamics.separation import Separation
+from satsep_ot.model.distributions import build_distribution, normal_copula
+from satsep_ot.model.inputs import Target, UncertainInput, check_range, nominal_parameters, scatter_targets
+from satsep_ot.model.parameters import INPUT, SCATTER_KEYS
+from satsep_ot.model.reading.table import CaseError, Table, example_of, shown, shown_key
+from satsep_ot.model.spelling import did_you_mean
+from satsep_ot.model.values import Name, Number, Unit
+
+
+def read_inputs(file: str, entries: Any, separation: Separation) -> tuple[UncertainInput, ...]:
+    """The uncertain inputs, in the order of the file.
+
+    Parameters
+    ----------
+    file : str
+        Name of the file, for messages.
+    entries : dict
+        What [inputs] holds.
+    separation : Separation
+        The nominal one.
+
+    Returns
+    -------
+    inputs : tuple of UncertainInput
+
+    Raises
+    ------
+    CaseError
+        If an entry is not allowed.
+    """
+    if not isinstance(entries, dict):
+        raise CaseError(
+            f"{file}: inputs = {shown(entries)}, but it must be a table with one entry for each uncertain input"
+        )
+    nominal, targets = nominal_parameters(separation), scatter_targets(separation)
+    inputs: dict[str, UncertainInput] = {}
+    for name, entry in entries.items():
+        path = f"inputs.{shown_key(name)}"
+        if not Name().accepts(name):
+            raise CaseError(f"{file}: {path} must have {Name().allowed()}")
+        if not isinstance(entry, dict):
+            raise CaseError(
+                f'{file}: {path} = {shown(entry)}, but it must be a table such as {{ quantity = "...", sigma = 1.0 }}'
+            )
+        # The parameters of a distribution are further keys: checked where it is built.
+        table = Table(file, INPUT, entry, path, is_open="distribution" in entry)
+        for input_name, target in _targets(table, name, targets):
+            if input_name in inputs:
+                raise table.problem(f"{path} gives a second input the name '{input_name}'; names must differ")
+            inputs[input_name] = replace(_input(table, input_name, target, nominal), entry=name)
+    return tuple(inputs.values())
+
+
+def read_copula(tables: Iterable[Table], inputs: tuple[UncertainInput, ...]) -> ot.NormalCopula | None:
+    """The copula of the tables [[correlation]]; None where nothing is correlated."""
+    names = [row.name for row in inputs]
+    correlations: dict[tuple[str, str], float] = {}
+    file = ""
+    for table in tables:
+        file = table.file
+        members = [name for one in table.read("inputs") for name in _input_names(table, one, inputs)]
+        if len(members) < 2 or len(set(members)) < len(members):
+            raise table.error("inputs", f"{table.rows['inputs'].value.allowed()}, each once")
+        kind = table.exactly_one_of(("coefficient", "rank"), "neither coefficient nor rank")
+        value = table.read(kind)
+        # Spearman's coefficient of a normal copula is 6 / pi arcsin(R / 2).
+        value = 2.0 * math.sin(math.pi / 6.0 * value) if kind == "rank" else value
+        for pair in itertools.combinations(sorted(members, key=names.index), 2):
+            if pair in correlations:
+                raise table.problem(f"{table.path} correlates {' and '.join(pair)} a second time")
+            correlations[pair] = value
+    try:
+        return normal_copula(names, correlations)
+    except ValueError as error:
+        raise CaseError(f"{file}: correlation cannot be used: {error}") from error
+
+
+def _targets(table, name, targets):
+    """The (name, target) pairs of one entry: one, or one for each spring or connector."""
+    quantity = table.read("quantity")
+    each = {f"{key}.each": target.entries for key, target in targets.items() if target.entries}
+    if quantity in each:
+        return [(f"{name}_{number}", targets[key]) for number, key in each[quantity].items()]
+    if quantity not in targets:
+        numbered = {key for entries in each.values() for key in entries.values()}
+        general = [key for key in targets if key not in numbered]
+        hint = did_you_mean(quantity, [*general, *each]) or f" such as {example_of(general)}"
+        raise table.error("quantity", f"a quantity of this case{hint}")
+    return [(name, targets[quantity])]
+
+
+def _input(table, name, target: Target, nominal):
+    # Springs that differ have no common value: moved together, their input is the deviation from it.
+    values = {float(f"{nominal[parameter][0] / target.unit.factor:.15g}") for parameter in target.parameters}
+    reference = values.pop() if len(values) == 1 else 0.0
+    description = table.read("description")
+    if description is None:
+        description = target.description
+    if len(values) > 0:
+        description = f"deviation of the {description}"
+    # Next to `distribution`, sigma is a parameter of it.
+    keys = ("distribution",) if "distribution" in table else SCATTER_KEYS
+    given = " and ".join(key for key in keys if key in table)
+    kind = table.exactly_one_of(keys, "no scatter", given)
+    try:
+        distribution = _distribution(table, kind, target.unit, reference)
+        row = UncertainInput(
+            name=name,
+            description=description,
+            unit=target.unit.label,
+            distribution=distribution,
+            parameters=target.parameters,
+            factor=target.unit.factor,
+            reference=reference,
+            key=target.key,
+        )
+        check_range(row, nominal)
+    except CaseError:
+        raise
+    except ValueError as error:
+        raise table.problem(f"{table.path} cannot be used: {error}") from error
+    return row
+
+
+def _distribution(table, kind, unit, reference):
+    # An uncertain input stays in the unit of the file.
+    number = Number(Unit(unit.name))
+    if kind == "distribution":
+        fixed = ("distribution", "quantity", "description")
+        parameters = {key: table.read_as(number, key) for key in table.data if key not in fixed}
+        return build_distribution(table.read("distribution"), parameters)
+    size = _scatter_size(table, kind, unit, reference)
+    mean = table.read_as(number, "mean") if "mean" in table else reference
+    if kind == "plus_minus":
+        return build_distribution("Uniform", {"a": mean - size, "b": mean + size})
+    return build_distribution("Normal", {"mu": mean, "sigma": size / 3.0 if kind == "three_sigma" else size})
+
+
+def _scatter_size(table, kind, unit, reference):
+    """The size of a scatter given as a number or as a percentage of the nominal value."""
+    value, size = table.data[kind], Number(unit, Sign.POSITIVE)
+    percent = _percent(value)
+    if percent is not None:
+        share = 0.01 * percent * abs(reference)
+        if size.accepts(share):
+            return share
+        if reference == 0.0 and size.accepts(percent):
+            raise table.error(kind, f"a number in {unit.name}: the nominal value is 0, which has no percentage")
+    elif size.accepts(value):
+        return float(value)
+    raise table.error(kind, f"{size.allowed()}, or a percentage such as '1.5 %'")
+
+
+def _percent(value):
+    """The number of a percentage; NaN if there is none before the sign, None if it is no percentage."""
+    if not isinstance(value, str) or not value.endswith("%"):
+        return None
+    try:
+        return float(value[:-1])
+    except ValueError:
+        return math.nan
+
+
+def _input_names(table, name, inputs):
+    """The inputs that a name stands for: one, or all of an entry that makes one for every spring."""
+    found = [row.name for row in inputs if name in (row.name, row.entry)]
+    if not found:
+        known = [row.name for row in inputs]
+        hint = did_you_mean(name, known) or (
+            f"; there are {', '.join(known[:4])}, ..." if known else "; there are none"
+        )
+        raise table.error("inputs", f"an uncertain input of the table [inputs]{hint}", name)
+    return found
