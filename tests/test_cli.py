@@ -16,6 +16,7 @@ from satsep_ot import cli
 from satsep_ot.commands import printing, simulate
 from satsep_ot.methods.parallel.chunks import ChunkError
 from satsep_ot.model.case import load_case
+from satsep_ot.model.schema import case_schema
 from satsep_ot.model.separation_function import SeparationError
 
 
@@ -46,6 +47,22 @@ def test_new_writes_a_case_that_loads_and_never_overwrites(tmp_path, capsys):
     assert path.read_text(encoding="utf-8") == "precious"
 
 
+def test_new_writes_the_schema_beside_the_case_and_names_it_there(tmp_path, capsys):
+    path, schema = tmp_path / "mine.toml", tmp_path / "mine.schema.json"
+    assert cli.main(["new", str(path)]) == 0
+    assert "mine.schema.json" in capsys.readouterr().out
+    assert path.read_text(encoding="utf-8").startswith("#:schema ./mine.schema.json\n")
+    assert json.loads(schema.read_text(encoding="utf-8")) == case_schema()
+    # The schema of a case that was deleted is taken as it is; a file of another kind is left alone.
+    path.unlink()
+    assert cli.main(["new", str(path)]) == 0
+    path.unlink()
+    schema.write_bytes(b"\xff precious")
+    assert "mine.schema.json exists already and is not overwritten" in refused(["new", str(path)], capsys)
+    assert schema.read_bytes() == b"\xff precious"
+    assert not path.exists()
+
+
 def test_new_where_nothing_can_be_written(tmp_path, capsys):
     assert "nowhere" in refused(["new", str(tmp_path / "nowhere" / "mine.toml")], capsys)
 
@@ -56,7 +73,8 @@ def test_check_prints_the_case_as_understood(capsys):
     for words in (
         "inertia xx, yy, zz, xy, xz, yz", "1500, 600, 1500, 0, 0, 0", "0, -1600, 0", "Springs (guided)", "315",
         "Spring energy 16.5 J", "enough for 0.597913 m/s", "Orbit: position 6878.14, 0, 0 km",
-        "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in a recess",
+        "Period 94.6163 min; J2 off in the coast", "8 points, 4 of them in the recess",
+        "Envelope: recess radius 520 mm",
         "Uncertain inputs (35)", "satellite_Ixx", "Normal(mu = 1500, sigma = 45)", "1360.94", "1639.06",
         "0.597912", "lateral_rate <= 2.5 deg/s", "axial_velocity >= 0.59 m/s", "18.2..25", "1014 of 1024",
         "1,024 scattered runs only show where the limits are. For the probability of violating each requirement run "
@@ -339,7 +357,7 @@ def test_no_header_breaks_within_a_word_at_80_columns(tmp_path, capsys, monkeypa
     assert lines[start + 4].split()[:5] == ["1", "45", "300", "–", "–"]
     start = next(k for k, line in enumerate(lines) if line.startswith("Umbilical"))
     assert lines[start + 1].split() == [
-        "angle", "radius", "stiffness", "deformation", "stroke", "pin", "friction", "engagement",
+        "angle", "radius", "stiffness", "deformation", "stroke", "friction", "engagement",
     ]  # fmt: skip
     assert max(map(len, lines)) <= 80
 
@@ -475,9 +493,9 @@ def test_check_and_simulate_tell_every_effect(tmp_path, capsys):
     assert cli.main(["check", path]) == 0
     out = capsys.readouterr().out
     for words in (
-        "Springs (normal)", "failed", "table of 3 rows, 2 to 1 N", "Umbilical connectors", "pin friction",
-        "Friction coefficient of the guides 0.2", "Impulse at the start 0, 0.25, 0 N s",
-        "Re-contact: looked for from 0.1 to 1 orbits", "in a recess of depth 60 mm",
+        "Springs (normal)", "failed", "table of 3 rows, 2 to 1 N", "Umbilical connectors", "friction",
+        "Springs: guide friction 0.2", "Impulse: momentum 0, 0.25, 0 N s",
+        "Re-contact: looked for from 0.1 to 1 orbits", "Envelope: recess depth 60 mm",
         "Plane wall 1: normal 0, 0, -1, offset -125 mm",
     ):  # fmt: skip
         assert words in out, words
@@ -582,7 +600,11 @@ def test_check_tells_correlations_struts_and_mounting_errors(tmp_path, capsys):
     path.write_text(text, encoding="utf-8")
     assert cli.main(["check", str(path)]) == 0
     out = capsys.readouterr().out
-    for words in ("a and b are correlated: 0.5", "Stowed length 50 mm", "Mounting error 0.1, 0.2, 0.3 deg"):
+    for words in (
+        "a and b are correlated: 0.5",
+        "Springs: stowed length 50 mm",
+        "Initial: mounting error 0.1, 0.2, 0.3 deg",
+    ):
         assert words in out
 
 

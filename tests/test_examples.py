@@ -10,8 +10,6 @@ import pytest
 from scipy.special import ndtr
 
 from satsep_ot.dynamics.quantities import QUANTITIES
-from satsep_ot.model import case
-from satsep_ot.model.inputs import _SPRING_KEYS
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -242,14 +240,6 @@ def test_links_lead_somewhere(page):
 def test_the_page_on_benchmarks_names_every_script():
     text = (ROOT / "docs" / "benchmarks.md").read_text(encoding="utf-8")
     assert [path.name for path in (ROOT / "tests" / "benchmarks").glob("*.py") if path.name not in text] == []
-
-
-def test_the_page_on_case_files_names_every_key_and_quantity():
-    text = (ROOT / "docs" / "case-files.md").read_text(encoding="utf-8")
-    keys = [key for table in case._TABLE_KEYS.values() for key in table]
-    keys += [*case._SCATTER_KEYS, *case._PUSHES, "allowed_probability", "horizon", *QUANTITIES, *_SPRING_KEYS]
-    missing = [key for key in keys if not re.search(rf"[`\".]{key}[`\"]", text)]
-    assert not missing
 
 
 def test_the_script_of_the_readme_prints_what_the_readme_says(capsys):

@@ -13,8 +13,19 @@ from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.case import Case
 from satsep_ot.model.check_document import CheckedCase
+from satsep_ot.model.distributions import interval_digits, quantile_range
 from satsep_ot.model.hand_formulas import push_energy, push_velocity
-from satsep_ot.model.inputs import interval_digits, quantile_range, umbilical_springs
+from satsep_ot.model.inputs import umbilical_springs
+from satsep_ot.model.parameters import (
+    BODIES,
+    ORBIT,
+    PLANES,
+    SPRINGS,
+    UMBILICAL,
+    elements,
+    nominal_values,
+    parameter_rows,
+)
 from satsep_ot.model.run_document import spring_names
 from satsep_ot.studies.telling.tables import make_table, narrow
 
@@ -88,67 +99,59 @@ def _print_title(console, case):
 
 
 def _bodies(separation: Separation) -> Table:
-    table = make_table("Bodies", "", ">mass [kg]", "inertia xx, yy, zz, xy, xz, yz [kg m2]", "centre of mass [mm]")
-    for name in ("platform", "satellite"):
-        mass, *rest = getattr(separation, name).parameters()
-        table.add_row(name, f"{mass:g}", _numbers(rest[:6]), _numbers(rest[6:], 1e3))
+    rows = BODIES["platform"].rows
+    titles = (f"{row.key} {', '.join(elements(row))}".rstrip() for row in rows)
+    table = make_table("Bodies", "", *(f"{title} [{row.unit.name}]" for title, row in zip(titles, rows, strict=True)))
+    for name, body in BODIES.items():
+        table.add_row(name, *(_numbers(nominal_values(row, separation)) for row in body.rows))
     return table
 
 
 def _springs(separation: Separation) -> Table:
     springs, connectors = separation.springs, umbilical_springs(separation)
-    table = make_table(
-        f"Springs ({separation.force_line.name.lower()})", ">", ">angle [deg]", ">radius [mm]", ">stiffness [N/m]",
-        ">deformation [mm]", ">stroke [mm]", ">cant [deg]", ">delay [ms]", ">scale", "force",
-    )  # fmt: skip
+    rows = [row for row in SPRINGS.rows if row.holder == "springs"]
+    names = [row.parameter for row in rows]
+    columns = [nominal_values(row, separation) for row in rows]
+    unused = separation.unused_parameters()
+    table = make_table(f"Springs ({separation.force_line.name.lower()})", ">", *_titles(names, rows), "force")
     for i in range(len(springs)):
         if {i, i - 1} & set(connectors):
             continue
         force = "failed" if springs.scale[i] == 0.0 else ForceLaw(springs.laws[i]).name.lower()
         if springs.tables[i] is not None:
             force += f" of {len(springs.tables[i])} rows, {springs.tables[i][0, 1]:g} to {springs.tables[i][-1, 1]:g} N"
-        linear = springs.laws[i] == ForceLaw.LINEAR
-        row = (
-            math.degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i] if linear else None,
-            1e3 * springs.deformation[i] if linear else None, 1e3 * springs.stroke[i], math.degrees(springs.cant[i]),
-            1e3 * springs.delay[i], springs.scale[i],
-        )  # fmt: skip
-        table.add_row(str(i + 1), *(_NOT_KNOWN if value is None else f"{value:g}" for value in row), force)
+        cells = (
+            _NOT_KNOWN if f"springs[{i}].{name}" in unused else f"{values[i]:g}"
+            for name, values in zip(names, columns, strict=True)
+        )
+        table.add_row(str(i + 1), *cells, force)
     return narrow(table)
 
 
 def _umbilicals(separation: Separation) -> Table:
-    springs = separation.springs
-    table = make_table(
-        "Umbilical connectors", ">", ">angle [deg]", ">radius [mm]", ">stiffness [N/m]", ">deformation [mm]",
-        ">stroke [mm]", ">pin friction [N]", ">engagement [mm]",
-    )  # fmt: skip
+    table = make_table("Umbilical connectors", ">", *_titles(UMBILICAL.keys, UMBILICAL.rows))
     for number, i in enumerate(umbilical_springs(separation), start=1):
-        row = (
-            math.degrees(springs.angle[i]), 1e3 * springs.radius[i], springs.stiffness[i], 1e3 * springs.deformation[i],
-            1e3 * springs.stroke[i], springs.scale[i + 1], 1e3 * springs.stroke[i + 1],
-        )  # fmt: skip
-        table.add_row(str(number), *(f"{value:g}" for value in row))
+        values = (nominal_values(row, separation)[i + row.of_connector[0]] for row in UMBILICAL.rows)
+        table.add_row(str(number), *(f"{value:g}" for value in values))
     return narrow(table)
+
+
+def _titles(names, rows):
+    """Titles of columns of numbers, with their units."""
+    units = (f" [{row.unit.name}]" if row.unit.name else "" for row in rows)
+    return (f">{name}{unit}" for name, unit in zip(names, units, strict=True))
 
 
 def _conditions(separation: Separation) -> Iterator[str]:
     """What else acts on the bodies, a line each."""
     energy, velocity = push_energy(separation), push_velocity(separation)
     yield f"Spring energy {energy:.6g} J, enough for {velocity:.6g} m/s"
-    if separation.stowed_length:
-        yield f"Stowed length {1e3 * separation.stowed_length:g} mm"
-    rates = _numbers(map(math.degrees, separation.rates))
-    yield f"Initial rates {rates} deg/s about the {separation.pivot.name.lower()}"
-    if separation.guide_friction:
-        yield f"Friction coefficient of the guides {separation.guide_friction:g}"
-    if any(separation.impulse) or any(separation.angular_impulse):
-        yield (
-            f"Impulse at the start {_numbers(separation.impulse)} N s at the ring centre, and "
-            f"{_numbers(separation.angular_impulse)} N m s"
-        )
-    if any(separation.mounting_error):
-        yield f"Mounting error {_numbers(map(math.degrees, separation.mounting_error))} deg"
+    for table, row in parameter_rows():
+        # What is not here stands in the tables of bodies and springs, or is 0.
+        if row.is_of_separation and nominal_values(row, separation).any():
+            words, values = row.key.replace("_", " "), _numbers(nominal_values(row, separation))
+            yield f"{table.name.capitalize()}: {words} {values} {row.unit.name}".rstrip()
+    yield f"The joined bodies turn about the centre of mass of the {separation.pivot.name.lower()}"
     yield from _orbit(separation)
     yield from _envelope(separation)
 
@@ -158,8 +161,10 @@ def _orbit(separation):
         yield "No gravity"
     else:
         torque, j2 = ("on" if given else "off" for given in (separation.gradient_torque, separation.orbit.j2))
-        position, velocity = separation.orbit.position, separation.orbit.velocity
-        yield f"Orbit: position {_numbers(position, 1e-3)} km, velocity {_numbers(velocity, 1e-3)} km/s"
+        state = {"position": separation.orbit.position, "velocity": separation.orbit.velocity}
+        units = {key: ORBIT[key].unit for key in state}
+        said = (f"{key} {_numbers(value / units[key].factor)} {units[key].name}" for key, value in state.items())
+        yield f"Orbit: {', '.join(said)}"
         yield f"Period {separation.orbit.period / 60.0:.6g} min; J2 {j2} in the coast"
         yield f"Gravity-gradient torque: {torque}"
         yield f"Attitude quaternion {_numbers(separation.attitude)} (w, x, y, z)"
@@ -172,13 +177,12 @@ def _envelope(separation):
     if separation.envelope is None:
         yield "No envelope: no clearance"
         return
-    radius = f"radius {1e3 * separation.recess_radius:g} mm and " if separation.recess_radius else ""
-    yield (
-        f"Envelope of {len(separation.envelope)} points, {len(separation.recess_points())} of them in a recess "
-        f"of {radius}depth {1e3 * separation.recess_depth:g} mm"
-    )
-    for number, plane in enumerate(separation.recess_planes, start=1):
-        yield f"Plane wall {number}: normal {_numbers(plane[:3])}, offset {1e3 * plane[3]:g} mm"
+    followed = len(separation.recess_points())
+    yield f"Envelope of {len(separation.envelope)} points, {followed} of them in the recess"
+    offset = PLANES["offset"]
+    for number, value in enumerate(nominal_values(offset, separation), start=1):
+        normal = _numbers(separation.recess_planes[number - 1, :3])
+        yield f"Plane wall {number}: normal {normal}, offset {value:g} {offset.unit.name}"
 
 
 def _inputs(inputs) -> Table:
@@ -261,5 +265,5 @@ def _rounded(value: float, digits: int) -> str:
     return "0" if abs(value) < _ROUNDING_ERROR else f"{value:.{digits}g}"
 
 
-def _numbers(values: Iterable[float], scale: float = 1.0) -> str:
-    return ", ".join(f"{value * scale:.6g}" for value in values)
+def _numbers(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:.6g}" for value in values)

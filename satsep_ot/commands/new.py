@@ -7,7 +7,7 @@ from pathlib import Path
 from satsep_ot.commands.printing import fail
 
 NAME = "new"
-SUMMARY = "write an annotated case file to start from"
+SUMMARY = "write an annotated case file to start from, and its JSON Schema for editors"
 EXAMPLES = "  satsep-ot new mine.toml\n  satsep-ot new mine.toml --like cubesat"
 
 
@@ -21,21 +21,32 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int | None:
-    """Write the file."""
+    """Write the case and its schema."""
     from satsep_ot.model.case import new_case_text, shipped_cases
+    from satsep_ot.model.schema import case_schema_text
     from satsep_ot.model.spelling import did_you_mean
 
     known = shipped_cases()
     if options.like not in known:
         hint = did_you_mean(options.like, known)
         return fail(f"{options.like} is no case of the package; there are {', '.join(known)}{hint}", 2)
+    schema, schema_file = case_schema_text(), options.file.with_name(f"{options.file.stem}.schema.json")
+    if schema_file.exists() and schema_file.read_bytes() != schema.encode():
+        return fail(f"{schema_file} exists already and is not overwritten; give another name", 2)
     try:
         # "x" leaves no moment in which a file that appears meanwhile could be lost.
         with options.file.open("x", encoding="utf-8") as stream:
-            stream.write(new_case_text(options.like, options.file.stem))
-    except FileExistsError:
-        return fail(f"{options.file} exists already and is not overwritten; give another name", 2)
-    print(f"{options.file} written: edit it, then run\n  satsep-ot check {options.file}")
+            # Editors take the schema from this line.
+            stream.write(f"#:schema ./{schema_file.name}\n{new_case_text(options.like, options.file.stem)}")
+        if not schema_file.exists():
+            with schema_file.open("x", encoding="utf-8") as stream:
+                stream.write(schema)
+    except FileExistsError as error:
+        return fail(f"{error.filename} exists already and is not overwritten; give another name", 2)
+    print(
+        f"{options.file} written, and {schema_file.name}, by which editors complete and check it: edit it, then run\n"
+        f"  satsep-ot check {options.file}"
+    )
     return None
 
 
