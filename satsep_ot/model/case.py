@@ -25,7 +25,8 @@ from satsep_ot.model.requirement import SYSTEM, Requirement
 from satsep_ot.model.spelling import did_you_mean
 
 __all__ = [
-    "SYSTEM", "Case", "CaseError", "Requirement", "load_case", "load_uncertain_case", "new_case_text", "parse_case", "shipped_cases",
+    "SYSTEM", "Case", "CaseError", "Requirement", "load_case", "load_uncertain_case", "new_case_text", "parse_case",
+    "shipped_cases",
 ]  # fmt: skip
 
 _LONGEST_FILE = 4_000_000  # characters
