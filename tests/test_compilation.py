@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from separation_cases import TRUTH_CASES, general_separation, mixed_springs, symmetric_separation, truth_separation
 
-from satsep_ot.dynamics import compilation
+from satsep_ot.dynamics.kernels import compilation
+from satsep_ot.dynamics.kernels.batch import run_rows, sweep_rows
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import ForceLine
-from satsep_ot.dynamics.simulation import run_rows, simulate, simulate_with_gradients, sweep_rows, trajectory
+from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients, trajectory
 
 FUNCTIONS = """
-from satsep_ot.dynamics.compilation import entry_point
+from satsep_ot.dynamics.kernels.compilation import entry_point
 
 @entry_point
 def double(x):
@@ -27,7 +28,7 @@ def triple(x):
 # Prints how often each was found in the cache and what they give.
 USE = """
 import sys
-from satsep_ot.dynamics.compilation import prepare
+from satsep_ot.dynamics.kernels.compilation import prepare
 from functions import double, triple
 {before}
 prepare({{double: (1.0,), triple: (1.0,)}})
@@ -37,8 +38,9 @@ print([sum(function.stats.cache_hits.values()) for function in (double, triple)]
 ALL_BITS = """
 import hashlib
 from test_compilation import kinds_of_separations
-from satsep_ot.dynamics.relative_orbit import approach_all
-from satsep_ot.dynamics.simulation import run_rows, simulate_with_gradients, sweep_rows
+from satsep_ot.dynamics.kernels.coast import approach_all
+from satsep_ot.dynamics.kernels.batch import run_rows, sweep_rows
+from satsep_ot.dynamics.simulation import simulate_with_gradients
 for name, separation in kinds_of_separations():
     outcome = simulate_with_gradients(separation)
     for values in (outcome.base, outcome.gradients):

@@ -8,7 +8,8 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot.dynamics.separation import SPRING_SIZE
+from satsep_ot.dynamics.parameter_vector import parameter_fields
+from satsep_ot.dynamics.separation import Springs
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model import inputs
 from satsep_ot.model.case import CaseError, load_case, parse_case
@@ -151,7 +152,7 @@ def test_every_parameter_of_a_spring_and_of_a_body_can_be_scattered(case):
     reached = {parameter for target in targets.values() for parameter in target.parameters}
     # What only struts have, or only rods that slide on a plate, is not offered for guided springs.
     assert set(case.separation.parameter_names()) - reached == {"stowed_length", "guide_friction"}
-    assert len([key for key in targets if key.startswith("springs.")]) == SPRING_SIZE * (1 + 4)
+    assert len([key for key in targets if key.startswith("springs.")]) == len(parameter_fields(Springs)) * (1 + 4)
 
 
 EFFECTS = """

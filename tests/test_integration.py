@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from satsep_ot.dynamics.integration import EIGHTH_ORDER, FOURTH_ORDER, STAGE_NUMBER, STAGE_WEIGHTS, A, B, C
+from satsep_ot.dynamics.kernels.integration import EIGHTH_ORDER, FOURTH_ORDER, STAGE_NUMBER, STAGE_WEIGHTS, A, B, C
 
 
 @pytest.mark.parametrize(("method", "order"), [(EIGHTH_ORDER, 8), (FOURTH_ORDER, 4)])

@@ -10,12 +10,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
-from satsep_ot.dynamics.rotations import rotation_matrix_elements
+from satsep_ot.dynamics.kernels.vectors import rotation
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.dynamics.springs import ForceLine, force_of
 
 _NODES = 16  # of a quadrature
 _PIECES = 8  # of the time between two events: the force bends at the knots of a table
@@ -28,7 +27,7 @@ def kinetic_energy(separation: Separation, states: ArrayLike) -> np.ndarray:
     ----------
     separation : satsep_ot.dynamics.separation.Separation
     states : array_like, shape (T, 20)
-        See `satsep_ot.dynamics.system`.
+        See `satsep_ot.dynamics.kernels.records`.
 
     Returns
     -------
@@ -62,7 +61,7 @@ def angular_momentum(separation: Separation, states: ArrayLike) -> np.ndarray:
     ----------
     separation : satsep_ot.dynamics.separation.Separation
     states : array_like, shape (T, 20)
-        See `satsep_ot.dynamics.system`.
+        See `satsep_ot.dynamics.kernels.records`.
 
     Returns
     -------
@@ -96,7 +95,7 @@ def spring_strokes(separation: Separation, states: ArrayLike) -> np.ndarray:
     ----------
     separation : satsep_ot.dynamics.separation.Separation
     states : array_like, shape (T, 20)
-        See `satsep_ot.dynamics.system`.
+        See `satsep_ot.dynamics.kernels.records`.
 
     Returns
     -------
@@ -164,7 +163,7 @@ def spring_work(separation: Separation, start: ArrayLike, end: ArrayLike) -> np.
         low, high = sorted((start[i], end[i]))
         knots = np.empty(0) if springs.tables[i] is None else springs.tables[i][:, 0]
         for a, b in pairwise([low, *knots[(low < knots) & (knots < high)], high]):
-            forces = _force(springs, i, 0.5 * (a + b + (b - a) * nodes))
+            forces = force_of(springs, i, 0.5 * (a + b + (b - a) * nodes))
             work[i] += np.sign(end[i] - start[i]) * 0.5 * (b - a) * (weights @ forces)
     return work
 
@@ -190,7 +189,7 @@ def push_starts(separation: Separation) -> np.ndarray:
     [0.    0.002]
     """
     springs = separation.springs
-    works, pins = springs.scale > 0.0, springs.laws == ForceLaw.FRICTION
+    works, pins = springs.scale > 0.0, springs.law_property("holds_back")
     first = np.min(springs.delay[works & ~pins], initial=np.inf)
     return np.where(works, np.where(pins, first, springs.delay), np.nan)
 
@@ -245,19 +244,9 @@ def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1
         for i in np.flatnonzero((starts <= start) & (end <= releases)):
             cosine = plate @ _guides(springs)[i]
             sine = np.sqrt(np.maximum(0.0, 1.0 - cosine**2))
-            taken = friction * sine / (cosine + friction * sine) * _force(springs, i, strokes[:, i])
+            taken = friction * sine / (cosine + friction * sine) * force_of(springs, i, strokes[:, i])
             loss[i] += weights @ (taken * (differentiate @ strokes[:, i]))
     return loss
-
-
-def _force(springs, i, strokes):
-    """Force of spring i [N] at some strokes, with its scale: the laws of `satsep_ot.dynamics.springs` once more."""
-    forces = {
-        ForceLaw.LINEAR: lambda: springs.stiffness[i] * (springs.deformation[i] - strokes),
-        ForceLaw.TABLE: lambda: PchipInterpolator(*springs.tables[i].T)(strokes),
-        ForceLaw.FRICTION: lambda: np.full(strokes.shape, -1.0),
-    }
-    return springs.scale[i] * forces[springs.laws[i]]()
 
 
 def _guides(springs):
@@ -272,6 +261,5 @@ def _reduced_mass(separation):
 
 def _turned(quaternions, vectors):
     """Body components turned into reference components, (T, 3)."""
-    # The function behind the compiled one takes arrays, and needs no compilation.
-    elements = np.array(rotation_matrix_elements.py_func(*quaternions.T)).reshape(3, 3, -1)
+    elements = np.array(rotation(quaternions.T)).reshape(3, 3, -1)
     return np.einsum("ijt,tj->ti", elements, vectors)

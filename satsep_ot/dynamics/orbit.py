@@ -7,15 +7,19 @@ Geophysical Research 117 (2012), for J2.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER, EARTH_RADIUS
-from satsep_ot.dynamics.system import Array
 
 # -sqrt(5) C_20 of EGM2008 (tide-free), C_20 = -4.84165143790815e-4. It belongs to a radius 0.7 m below that of WGS 84,
 # which changes the acceleration by 2e-7 of itself.
 EARTH_J2 = 1.082626173852e-3
+
+
+# A field that holds an array, and is given as anything that makes one.
+Array = np.ndarray | Any
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from typing import NamedTuple, get_type_hints
 
 AXES = ("x", "y", "z")
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
-LARGEST = 1e30  # far beyond any physical value, so that no product overflows
 
 
 class Sign(enum.Enum):

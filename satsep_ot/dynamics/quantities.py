@@ -1,8 +1,7 @@
 """Quantities of interest of a separation.
 
-Each is one function of the base: what a run leaves behind (columns of a (n, B) array, SI, radians): the state at the
-last release (see `satsep_ot.dynamics.system`), its time, the smallest clearance, and the clearance of each
-followed envelope point at the instant at which it leaves the recess. A new quantity is one row of `QUANTITIES`.
+Each is one function of what a run leaves behind, the fields of its base (see `base_fields`), in SI units and radians. A
+new quantity is one row of `QUANTITIES`.
 """
 
 import math
@@ -11,73 +10,115 @@ from typing import NamedTuple
 
 import numpy as np
 
+from satsep_ot.dynamics.kernels.records import STATE
 from satsep_ot.dynamics.separation import Separation
-from satsep_ot.dynamics.system import STATE_SIZE
 
-TIME, CLEARANCE = STATE_SIZE, STATE_SIZE + 1
 DEGREES = 180.0 / math.pi
+
+_ELEMENTS = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
+STATE_FIELDS = [f"{name}_{element}" for name in STATE.names[1:] for element in _ELEMENTS[STATE[name].shape[0]]]
 
 
 class Quantity(NamedTuple):
-    """A named quantity of interest:
+    """A named quantity of interest.
 
-    `value` and `gradient` take the base (n, B); `columns` are those that it depends on. `part_of` names the quantity
-    that this one is a part of, as the clearance of one point is; it is empty for the others.
+    Attributes
+    ----------
+    unit, description : str
+    fields : tuple of str
+        What it depends on, m of `base_fields`.
+    value : callable
+        From the values of these fields, shape (n, m), to the quantity, shape (n,).
+    gradient : callable
+        From the same to its derivatives with respect to them, shape (n, m).
+    part_of : str
+        The quantity that this one is a part of, as the clearance of one point is; empty for the others.
     """
 
     unit: str
     description: str
-    columns: tuple
+    fields: tuple[str, ...]
     value: Callable
-    gradient: Callable  # (n, len(columns))
+    gradient: Callable
     part_of: str = ""
 
 
-def _scaled(unit, description, column, factor=1.0):
+def scaled(unit: str, description: str, field: str, factor: float = 1.0) -> Quantity:
+    """One field in another unit."""
     return Quantity(
-        unit,
-        description,
-        (column,),
-        lambda base: factor * base[:, column],
-        lambda base: np.full((len(base), 1), factor),
+        unit, description, (field,), lambda values: factor * values[:, 0], lambda values: np.full(values.shape, factor)
     )
 
 
-def _norm(unit, description, columns, factor=1.0):
-    def gradient(base):
-        norm = np.linalg.norm(base[:, columns], axis=1, keepdims=True)
+def norm(unit: str, description: str, fields: tuple[str, ...], factor: float = 1.0) -> Quantity:
+    """The length of the vector of several fields, in another unit."""
+
+    def gradient(values):
+        length = np.linalg.norm(values, axis=1, keepdims=True)
         # A norm has no gradient at 0: 0 is one of its subgradients.
-        return factor * base[:, columns] / np.where(norm > 0.0, norm, 1.0)
+        return factor * values / np.where(length > 0.0, length, 1.0)
 
-    return Quantity(
-        unit, description, columns, lambda base: factor * np.linalg.norm(base[:, columns], axis=1), gradient
-    )
+    return Quantity(unit, description, fields, lambda values: factor * np.linalg.norm(values, axis=1), gradient)
 
 
 QUANTITIES = {
-    "axial_velocity": _scaled(
-        "m/s", "separation velocity along the platform's y axis at the last release (inertial difference of the CGs)", 4
+    "axial_velocity": scaled(
+        "m/s",
+        "separation velocity along the platform's y axis at the last release (inertial difference of the CGs)",
+        "w_y",
     ),
-    "rate_x": _scaled("deg/s", "satellite body rate about x at the last release", 9, DEGREES),
-    "rate_y": _scaled("deg/s", "satellite body rate about y, the separation axis, at the last release", 10, DEGREES),
-    "rate_z": _scaled("deg/s", "satellite body rate about z at the last release", 11, DEGREES),
-    "lateral_rate": _norm(
-        "deg/s", "satellite rate across the separation axis, sqrt(rate_x^2 + rate_z^2)", (9, 11), DEGREES
+    "rate_x": scaled("deg/s", "satellite body rate about x at the last release", "omega_2_x", DEGREES),
+    "rate_y": scaled(
+        "deg/s", "satellite body rate about y, the separation axis, at the last release", "omega_2_y", DEGREES
     ),
-    "spin": _norm("deg/s", "absolute satellite rate about the separation axis, |rate_y|", (10,), DEGREES),
-    "tip_off_rate": _norm(
+    "rate_z": scaled("deg/s", "satellite body rate about z at the last release", "omega_2_z", DEGREES),
+    "lateral_rate": norm(
         "deg/s",
-        "magnitude of the satellite's rate at the last release, sqrt(rate_x^2 + rate_y^2 + rate_z^2)",
-        (9, 10, 11),
+        "satellite rate across the separation axis, sqrt(rate_x^2 + rate_z^2)",
+        ("omega_2_x", "omega_2_z"),
         DEGREES,
     ),
-    "lateral_velocity": _norm(
+    "spin": norm("deg/s", "absolute satellite rate about the separation axis, |rate_y|", ("omega_2_y",), DEGREES),
+    "tip_off_rate": norm(
+        "deg/s",
+        "magnitude of the satellite's rate at the last release, sqrt(rate_x^2 + rate_y^2 + rate_z^2)",
+        ("omega_2_x", "omega_2_y", "omega_2_z"),
+        DEGREES,
+    ),
+    "lateral_velocity": norm(
         "m/s",
         "separation velocity across the platform's y axis at the last release (inertial difference of the CGs)",
-        (3, 5),
+        ("w_x", "w_z"),
     ),
-    "release_time": _scaled("s", "time of the last release", TIME),
+    "release_time": scaled("s", "time of the last release", "time"),
 }
+
+
+def base_fields(separation: Separation) -> list[str]:
+    """The names of the B numbers that a run leaves behind.
+
+    Parameters
+    ----------
+    separation : Separation
+
+    Returns
+    -------
+    fields : list of str
+        The state at the last release, "d_x" to "q_1_z" (see `satsep_ot.dynamics.kernels.records`), its "time", the
+        smallest "clearance", that of each followed envelope point at the instant at which it leaves the recess,
+        "exit_clearance_1" and so on, and the "recontact_distance" where it is asked for.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.quantities import base_fields
+    >>> from satsep_ot.dynamics.separation import Body, Separation, Springs
+    >>> springs = Springs([0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03)
+    >>> base_fields(Separation(Body(1200.0, [1500.0, 600.0, 1500.0]), Body(100.0, [9.35, 8.0, 9.35]), springs))[3:9]
+    ['w_x', 'w_y', 'w_z', 'omega_1_x', 'omega_1_y', 'omega_1_z']
+    """
+    exits = [f"exit_clearance_{i + 1}" for i in range(len(separation.recess_points()))]
+    recontact = ["recontact_distance"] * (separation.recontact is not None)
+    return [*STATE_FIELDS, "time", "clearance", *exits, *recontact]
 
 
 def quantity_table(separation: Separation) -> dict[str, Quantity]:
@@ -85,22 +126,23 @@ def quantity_table(separation: Separation) -> dict[str, Quantity]:
     table = dict(QUANTITIES)
     points = separation.recess_points()
     if len(points):
-        table["clearance"] = _scaled(
-            "mm", "smallest clearance of the envelope points in the recess until they have left it", CLEARANCE, 1e3
+        table["clearance"] = scaled(
+            "mm", "smallest clearance of the envelope points in the recess until they have left it", "clearance", 1e3
         )
     for i, point in enumerate(points):
         place = ", ".join(f"{1e3 * coordinate:g}" for coordinate in point)
-        table[f"exit_clearance_{i + 1}"] = _scaled(
+        name = f"exit_clearance_{i + 1}"
+        table[name] = scaled(
             "mm",
             f"clearance of the envelope point ({place}) mm at the instant at which it leaves the recess",
-            CLEARANCE + 1 + i,
+            name,
             1e3,
         )._replace(part_of="clearance")
     if separation.recontact is not None:
         window = separation.recontact
-        table["recontact_distance"] = _scaled(
+        table["recontact_distance"] = scaled(
             "m",
             f"smallest distance of the CGs, {window.start_orbits:g} to {window.end_orbits:g} orbits after the release",
-            CLEARANCE + 1 + len(points),
+            "recontact_distance",
         )
     return table

@@ -34,15 +34,16 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import get_num_threads, njit
+from numba import get_num_threads
 from numpy.typing import ArrayLike
-from scipy.integrate import DOP853
 
-from satsep_ot.dynamics.compilation import KERNEL, SOURCE_DIGEST, entry_point, prepare
-from satsep_ot.dynamics.gravity import EARTH_RADIUS, differential_gravity
+from satsep_ot.dynamics.gravity import EARTH_RADIUS
+from satsep_ot.dynamics.kernels.coast import ADJOINT_SIZE, COAST_SIZE, STAGE_NUMBER, approach_all
+from satsep_ot.dynamics.kernels.compilation import prepare
+from satsep_ot.dynamics.kernels.records import STATE_SIZE
+from satsep_ot.dynamics.kernels.vectors import rotation
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
-from satsep_ot.dynamics.rotations import rotation_matrix, rotation_matrix_elements
-from satsep_ot.dynamics.system import STATE_SIZE
+from satsep_ot.dynamics.rotations import rotation_matrix
 
 if TYPE_CHECKING:
     from satsep_ot.dynamics.separation import Separation
@@ -52,14 +53,6 @@ MAXIMUM_ECCENTRICITY = 0.9
 GRADIENT_SIZE = STATE_SIZE + 3
 STEPS_PER_ORBIT = 40  # a circular one
 RUNS_PER_THREAD = 100  # before another thread is worth its start
-PARTS = 4  # of a step, each of which is looked at for a minimum
-
-# Coefficients A of the stages, and below them the weights B of the result.
-_TABLE = np.vstack([DOP853.A[: DOP853.n_stages, : DOP853.n_stages], DOP853.B])
-
-# State of a coast: r_1, rho, then their velocities; where the adjoints are flown, xi_1 and xi_2 stand behind rho and
-# their slopes behind the velocities.
-COAST_SIZE, ADJOINT_SIZE = 12, 24
 
 
 @dataclass(frozen=True)
@@ -93,214 +86,6 @@ class Recontact:
                 f"the window of re-contact is {self.start_orbits} to {self.end_orbits} orbits; 0 <= start_orbits < "
                 f"end_orbits <= {MAXIMUM_ORBITS:g} is allowed"
             )
-
-
-@njit(**KERNEL)
-def oblateness(ob, x, y, z):
-    """The acceleration of J2 at a point [m/s2], with ob = 3/2 J2 mu R^2.
-
-    -ob / r^5 ((1 - 5 z^2 / r^2) r + 2 z e_z), which is Vallado's with the factors in another order.
-    """
-    square = x * x + y * y + z * z
-    factor = -ob / (square * square * math.sqrt(square))
-    b = 1.0 - 5.0 * z * z / square
-    return factor * b * x, factor * b * y, factor * (b + 2.0) * z
-
-
-@njit(**KERNEL)
-def oblateness_difference(ob, x, y, z, dx, dy, dz):
-    """The acceleration of J2 at r + d less that at r [m/s2].
-
-    With A = -ob / r^5 and B = (1 - 5 z^2 / r^2) r + 2 z e_z the difference is (dA) B + (A + dA) (dB), and
-
-        dA = A ((1 + q)^(-5/2) - 1),   (1 + q)^5 - 1 = q (5 + 10 q + 10 q^2 + 5 q^3 + q^4),   q = d . (d + 2 r) / r^2
-    """
-    square = x * x + y * y + z * z
-    a = -ob / (square * square * math.sqrt(square))
-    q = (dx * (dx + 2.0 * x) + dy * (dy + 2.0 * y) + dz * (dz + 2.0 * z)) / square
-    power = (1.0 + q) * (1.0 + q) * math.sqrt(1.0 + q)
-    da = -a * q * (5.0 + q * (10.0 + q * (10.0 + q * (5.0 + q)))) / (power * (1.0 + power))
-    ratio = z * z / square
-    b = 1.0 - 5.0 * ratio
-    db = -5.0 * (dz * (dz + 2.0 * z) / square - q * ratio) / (1.0 + q)
-    a += da
-    return (
-        da * b * x + a * (b * dx + db * (x + dx)),
-        da * b * y + a * (b * dy + db * (y + dy)),
-        da * (b + 2.0) * z + a * ((b + 2.0) * dz + db * (z + dz)),
-    )
-
-
-@njit(**KERNEL)
-def gravity_gradient(mu, ob, x, y, z, u, v, w):
-    """The derivative of gravity at the point (x, y, z) in the direction (u, v, w): G (u, v, w)."""
-    square = x * x + y * y + z * z
-    cube = square * math.sqrt(square)
-    along = (x * u + y * v + z * w) / square
-    rate = mu / cube
-    ax, ay, az = rate * (3.0 * along * x - u), rate * (3.0 * along * y - v), rate * (3.0 * along * z - w)
-    if ob != 0.0:
-        factor = -ob / (cube * square)
-        b = 1.0 - 5.0 * z * z / square
-        db = -10.0 * z * (w - along * z) / square
-        # (dA) B + A (dB), with dA = -5 A r . d / r^2.
-        ax += factor * ((db - 5.0 * along * b) * x + b * u)
-        ay += factor * ((db - 5.0 * along * b) * y + b * v)
-        az += factor * ((db - 5.0 * along * (b + 2.0)) * z + (b + 2.0) * w)
-    return ax, ay, az
-
-
-@njit(**KERNEL)
-def slope(y, size, mu, ob, k, row):
-    """Write the slope of the state y[:size] of a coast into k[row, :size]."""
-    half = size // 2
-    for n in range(half):
-        k[row, n] = y[half + n]
-    x, yy, z, dx, dy, dz = y[0], y[1], y[2], y[3], y[4], y[5]
-    square = x * x + yy * yy + z * z
-    rate = mu / (square * math.sqrt(square))
-    ax, ay, az = -rate * x, -rate * yy, -rate * z
-    bx, by, bz = differential_gravity(rate, x, yy, z, dx, dy, dz)
-    if ob != 0.0:
-        ux, uy, uz = oblateness(ob, x, yy, z)
-        ax, ay, az = ax + ux, ay + uy, az + uz
-        ux, uy, uz = oblateness_difference(ob, x, yy, z, dx, dy, dz)
-        bx, by, bz = bx + ux, by + uy, bz + uz
-    k[row, half], k[row, half + 1], k[row, half + 2] = ax, ay, az
-    k[row, half + 3], k[row, half + 4], k[row, half + 5] = bx, by, bz
-    for n in range(6, half, 3):
-        # The adjoint of the platform, then that of the satellite.
-        body = n // 3 - 2
-        ax, ay, az = gravity_gradient(mu, ob, x + body * dx, yy + body * dy, z + body * dz, y[n], y[n + 1], y[n + 2])
-        k[row, half + n], k[row, half + n + 1], k[row, half + n + 2] = ax, ay, az
-
-
-@njit(**KERNEL)
-def advance(y, size, h, mu, ob, table, k, stage):
-    """Take y[:size] one step of h [s] further; leaves the slope where it started in k[0]."""
-    for i in range(table.shape[0]):
-        for n in range(size):
-            stage[n] = 0.0
-        for j in range(i):
-            a = table[i, j]
-            if a != 0.0:
-                for n in range(size):
-                    stage[n] += a * k[j, n]
-        for n in range(size):
-            stage[n] = y[n] + h * stage[n]
-        if i < k.shape[0]:
-            slope(stage, size, mu, ob, k, i)
-    for n in range(size):
-        y[n] = stage[n]
-
-
-@njit(**KERNEL)
-def growth(nodes, accelerations, i, h, z):
-    """rho . d rho / dz and |rho|^2 at the share z of the step of h [s] behind node i.
-
-    On the polynomial of degree five that has position, velocity and acceleration of both nodes.
-    """
-    product = square = 0.0
-    for n in range(3):
-        start, velocity, acceleration = nodes[i, 3 + n], h * nodes[i, 9 + n], h * h * accelerations[i, n]
-        a = nodes[i + 1, 3 + n] - start - velocity - 0.5 * acceleration
-        b = h * nodes[i + 1, 9 + n] - velocity - acceleration
-        c = h * h * accelerations[i + 1, n] - acceleration
-        c3, c4, c5 = 10.0 * a - 4.0 * b + 0.5 * c, -15.0 * a + 7.0 * b - c, 6.0 * a - 3.0 * b + 0.5 * c
-        value = start + z * (velocity + z * (0.5 * acceleration + z * (c3 + z * (c4 + z * c5))))
-        product += value * (velocity + z * (acceleration + z * (3.0 * c3 + z * (4.0 * c4 + z * 5.0 * c5))))
-        square += value * value
-    return product, square
-
-
-@njit(**KERNEL)
-def nearest(nodes, accelerations, times, first, last):
-    """Where the distance is smallest between the nodes first and last: a node, and the time from it [s]."""
-    node, offset, smallest, square = first, 0.0, np.inf, np.inf
-    for i in range(first, last):
-        h = times[i + 1] - times[i]
-        before, square = growth(nodes, accelerations, i, h, 0.0)
-        if square < smallest:
-            smallest, node, offset = square, i, 0.0
-        for part in range(PARTS):
-            low, high = part / PARTS, (part + 1.0) / PARTS
-            after, square = growth(nodes, accelerations, i, h, high)
-            if before < 0.0 <= after:
-                middle = least = 0.0
-                for _ in range(25):
-                    middle = 0.5 * (low + high)
-                    product, least = growth(nodes, accelerations, i, h, middle)
-                    if product < 0.0:
-                        low = middle
-                    else:
-                        high = middle
-                if least < smallest:
-                    smallest, node, offset = least, i, middle * h
-            before = after
-    if square < smallest:
-        return last, 0.0
-    return node, offset
-
-
-def _entry_point(source_digest):
-    """The compiled batch, kept on disk under a key that contains the digest of the sources."""
-
-    @entry_point
-    def approach_all(states, grids, mean_motion, mu, ob, table, room, with_adjoint, distance, time):
-        """Fly every run from its release, a row of `states` (n, 24), to where the distance is smallest in its window.
-
-        Leaves the state there in states[:, :12], or the adjoints at the release in states[:, 6:12] and
-        states[:, 18:24]. A row of `grids`: eccentric anomaly from the release to the start and to the end of the
-        window, the steps for each (whole numbers), p and s of `anomaly_after`. `room`: states, rho'' and times of the
-        nodes, slopes and state of the stages.
-        """
-        digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
-        nodes, accelerations, times, k, stage = room
-        size = nodes.shape[1]
-        for run in range(states.shape[0]):
-            y, start, end, p, s = states[run], grids[run, 0], grids[run, 1], grids[run, 4], grids[run, 5]
-            first, count = int(grids[run, 2]), int(grids[run, 3])
-            last = first + count
-            for i in range(last + 1):
-                x = start * i / first if i < first else start
-                if i > first:
-                    x += (end - start) * (i - first) / count
-                times[i] = (x - p * math.sin(x) + s * (1.0 - math.cos(x))) / mean_motion
-            for i in range(last + 1):
-                for n in range(size):
-                    nodes[i, n] = y[n]
-                advance(y, size, times[i + 1] - times[i] if i < last else 0.0, mu, ob, table, k, stage)
-                for n in range(3):
-                    accelerations[i, n] = k[0, 9 + n]
-            node, h = nearest(nodes, accelerations, times, first, last)
-            here = times[node]
-            for n in range(size):
-                y[n] = nodes[node, n]
-            # The polynomial knows it to some 1e-9 of a step; Newton's method on the flown motion does the rest.
-            for _ in range(6):
-                if abs(h) < 1e-10:
-                    break
-                advance(y, size, h, mu, ob, table, k, stage)
-                here += h
-                product = bend = 0.0
-                for n in range(3, 6):
-                    product += y[n] * y[6 + n]
-                    bend += y[6 + n] * y[6 + n] + y[n] * k[0, 6 + n]
-                h = -product / bend if bend > 0.0 else 0.0
-            distance[run], time[run] = math.sqrt(y[3] ** 2 + y[4] ** 2 + y[5] ** 2), here
-            if with_adjoint:
-                for n in range(6):
-                    # A distance of 0 has no gradient: 0 is one of its subgradients.
-                    y[18 + n] = y[3 + n % 3] / distance[run] if distance[run] > 0.0 else 0.0
-                    y[12 + n], y[6 + n] = y[6 + n], 0.0
-                for i in range(node, -1, -1):
-                    advance(y, y.shape[0], times[i] - here, mu, ob, table, k, stage)
-                    here = times[i]
-
-    return approach_all
-
-
-approach_all = _entry_point(SOURCE_DIGEST)
 
 
 def anomaly_after(angle: np.ndarray, p: np.ndarray, s: np.ndarray) -> np.ndarray:
@@ -375,7 +160,7 @@ def _fly(states, release_times, masses, orbit, start, end, with_adjoint):
     The window is from `start` to `end`, mean anomalies since the release (n,).
     """
     o = kepler_orbit(orbit, release_times)
-    turn = np.array(rotation_matrix_elements.py_func(*states[:, 16:20].T)).reshape(3, 3, -1)
+    turn = np.array(rotation(states[:, 16:20].T)).reshape(3, 3, -1)
     share = masses[:, 1] / (masses[:, 0] + masses[:, 1])
     y = np.zeros((len(states), ADJOINT_SIZE))
     for i in range(3):
@@ -395,14 +180,14 @@ def _fly(states, release_times, masses, orbit, start, end, with_adjoint):
     distance, time = np.empty(len(y)), np.empty(len(y))
 
     def fly_part(part):
-        room = tuple(
+        scratch = tuple(
             np.empty(shape)
             for shape in (
-                (node_number, COAST_SIZE), (node_number, 3), node_number, (_TABLE.shape[1], ADJOINT_SIZE), ADJOINT_SIZE,
+                (node_number, COAST_SIZE), (node_number, 3), node_number, (STAGE_NUMBER, ADJOINT_SIZE), ADJOINT_SIZE,
             )
         )  # fmt: skip
         arguments = (
-            y[part], grids[part], o.mean_motion, orbit.mu, ob, _TABLE, room, with_adjoint, distance[part], time[part]
+            y[part], grids[part], o.mean_motion, orbit.mu, ob, scratch, with_adjoint, distance[part], time[part]
         )  # fmt: skip
         prepare({approach_all: arguments})
         approach_all(*arguments)
@@ -457,7 +242,7 @@ def closest_approaches(
     Parameters
     ----------
     states : array_like, shape (n, 20)
-        At the last release; see `satsep_ot.dynamics.system`.
+        At the last release; see `satsep_ot.dynamics.kernels.records`.
     release_times : array_like, shape (n,)
         When that was [s].
     masses : array_like, shape (n, 2)
@@ -527,7 +312,7 @@ def coast(state: np.ndarray, release_time: float, masses: ArrayLike, orbit: Orbi
     Parameters
     ----------
     state : array_like, shape (20,)
-        At the last release; see `satsep_ot.dynamics.system`.
+        At the last release; see `satsep_ot.dynamics.kernels.records`.
     release_time : float
         When that was [s].
     masses : array_like, shape (2,)

@@ -7,35 +7,10 @@ Sources: Hu et al., Acta Astronautica 131 (2017), equations 3 and 7; Kuipers, *Q
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from satsep_ot.dynamics.compilation import OPTIONS
-
-
-@njit(**OPTIONS)
-def rotation_matrix_elements(w, x, y, z):
-    """The nine elements, row by row, of the matrix that turns body components into reference components."""
-    return (
-        1.0 - 2.0 * (y * y + z * z),
-        2.0 * (x * y - w * z),
-        2.0 * (x * z + w * y),
-        2.0 * (x * y + w * z),
-        1.0 - 2.0 * (x * x + z * z),
-        2.0 * (y * z - w * x),
-        2.0 * (x * z - w * y),
-        2.0 * (y * z + w * x),
-        1.0 - 2.0 * (x * x + y * y),
-    )
-
-
-@njit(**OPTIONS)
-def quaternion_from_rotation_vector(rx, ry, rz):
-    """The quaternion of a turn by the angle |r| about r [rad]."""
-    half = 0.5 * math.sqrt(rx * rx + ry * ry + rz * rz)
-    # sin(half) / (2 half), by its series where the quotient would be 0 / 0.
-    scale = 0.5 * (1.0 - half * half / 6.0) if half < 1e-4 else 0.5 * math.sin(half) / half
-    return math.cos(half), scale * rx, scale * ry, scale * rz
+from satsep_ot.dynamics.kernels.vectors import quaternion_from_rotation_vector as quaternion_from_rotation_vector
+from satsep_ot.dynamics.kernels.vectors import rotation
 
 
 def rotation_matrix(quaternion: ArrayLike) -> np.ndarray:
@@ -52,7 +27,7 @@ def rotation_matrix(quaternion: ArrayLike) -> np.ndarray:
     >>> print(rotation_matrix([1.0, 0.0, 0.0, 0.0]).astype(int).tolist())
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     """
-    return np.array(rotation_matrix_elements.py_func(*(float(component) for component in quaternion))).reshape(3, 3)
+    return np.array(rotation([float(component) for component in quaternion])).reshape(3, 3)
 
 
 def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:

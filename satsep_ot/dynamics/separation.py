@@ -13,21 +13,13 @@ from typing import Annotated
 
 import numpy as np
 
-from satsep_ot.dynamics.orbit import Orbit
-from satsep_ot.dynamics.parameter_vector import (
-    AXES,
-    LARGEST,
-    TENSOR,
-    Parameter,
-    Place,
-    Sign,
-    parameter_fields,
-    places,
-)
+from satsep_ot.dynamics.kernels.records import LARGEST
+from satsep_ot.dynamics.kernels.status import Status as Status
+from satsep_ot.dynamics.orbit import Array, Orbit
+from satsep_ot.dynamics.parameter_vector import AXES, TENSOR, Parameter, Place, Sign, parameter_fields, places
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.springs import ForceLaw, ForceLine
-from satsep_ot.dynamics.system import Array, integers
 
 
 class Pivot(enum.IntEnum):
@@ -35,38 +27,6 @@ class Pivot(enum.IntEnum):
 
     STACK = 0
     PLATFORM = 1
-
-
-class Status(enum.IntEnum):
-    """How a run ended; `sentence` says it in words."""
-
-    OK = 0
-    NO_RELEASE = 1
-    NO_EXIT = 2
-    STEP_UNDERFLOW = 3
-    TOO_MANY_STEPS = 4
-    PENETRATION = 5
-    INVALID_PARAMETERS = 6
-    NO_SPRING = 7
-
-    @property
-    def sentence(self) -> str:
-        return _SENTENCES[self]
-
-
-_SENTENCES = {
-    Status.OK: "the separation completed",
-    Status.NO_RELEASE: "a spring was not released within the horizon",
-    Status.NO_EXIT: "an envelope point did not leave the recess within the horizon",
-    Status.STEP_UNDERFLOW: "the step size fell below the resolution of time: the motion is too violent or not finite",
-    Status.TOO_MANY_STEPS: "the motion needed more steps than are allowed: it is too violent for the horizon",
-    Status.PENETRATION: (
-        "the bodies penetrate each other by more than 1 mm at a spring seat: by a mounting error or an impulse that "
-        "tilts them into each other, or by friction that holds more than the springs push"
-    ),
-    Status.INVALID_PARAMETERS: "a parameter is not finite or not physical",
-    Status.NO_SPRING: "every spring has failed: nothing pushes the bodies apart",
-}
 
 
 @dataclass(frozen=True)
@@ -206,7 +166,7 @@ class Springs:
         default = [ForceLaw.LINEAR if table is None else ForceLaw.TABLE for table in tables]
         laws = np.array(default if self.laws is None else self.laws, dtype=np.int64)
         if laws.shape != (count,) or any(
-            (law == ForceLaw.TABLE) != (tables[i] is not None) for i, law in enumerate(laws)
+            ForceLaw(law).has_table != (tables[i] is not None) for i, law in enumerate(laws)
         ):
             raise ValueError(f"springs.laws = {laws.tolist()}; one law for each spring, TABLE where there is a table")
         object.__setattr__(self, "tables", tables)
@@ -214,6 +174,10 @@ class Springs:
 
     def __len__(self) -> int:
         return self.angle.size
+
+    def law_property(self, name: str) -> np.ndarray:
+        """For which springs a property of their law is true, bool (N,); see `satsep_ot.dynamics.springs.Law`."""
+        return np.array([getattr(ForceLaw(law), name) for law in self.laws])
 
     def parameters(self) -> np.ndarray:
         """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector, shape (8 N,)."""
@@ -518,11 +482,11 @@ class Separation:
 
     def _zero_parameters(self):
         zero = {}
-        if self.force_line != ForceLine.STRUT:
+        if not self.force_line.has_stowed_length:
             zero["stowed_length"] = "only struts have a stowed length"
-        if self.force_line != ForceLine.NORMAL:
+        if not self.force_line.loads_guide:
             zero["guide_friction"] = "only the force line NORMAL loads the guides laterally"
-        for i in np.flatnonzero(self.springs.laws != ForceLaw.LINEAR):
+        for i in np.flatnonzero(~self.springs.law_property("has_stiffness")):
             for name in ("stiffness", "deformation"):
                 zero[f"springs[{i}].{name}"] = "another law than the linear one holds for this spring"
         return zero
@@ -557,20 +521,14 @@ class Separation:
 
 
 _COMMON_PLACES = [*places(Body, "platform"), *places(Body, "satellite"), *places(Separation)]
-COMMON_SIZE = len(_COMMON_PLACES)
-SPRING_SIZE = len(places(Springs))
 
 
 def _first(path):
     return next(k for k, place in enumerate(_COMMON_PLACES) if place.path.startswith(path))
 
 
-# Positions in the flat parameter vector, for the kernels.
-PLATFORM, SATELLITE = integers(_first("platform"), _first("satellite"))
-RATES, MOUNTING_ERROR, STOWED = integers(_first("rates"), _first("mounting_error"), _first("stowed_length"))
-RECESS_RADIUS, RECESS_DEPTH = integers(_first("recess_radius"), _first("recess_depth"))
-IMPULSE, ANGULAR_IMPULSE = integers(_first("impulse"), _first("angular_impulse"))
-FRICTION_COEFFICIENT = integers(_first("guide_friction"))[0]
+# Where the parameters of the bodies start in the flat vector.
+PLATFORM, SATELLITE = _first("platform"), _first("satellite")
 
 
 def invalid_parameter(separation: Separation, parameters: np.ndarray) -> str | None:

@@ -3,164 +3,75 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numba
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
-from satsep_ot.dynamics.compilation import KERNEL, SOURCE_DIGEST, entry_point, prepare
-from satsep_ot.dynamics.flight import MAXIMUM_STEPS, Follow, Tape, run
-from satsep_ot.dynamics.integration import forget_slopes
-from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.kernels import records
+from satsep_ot.dynamics.kernels.adjoint import (
+    CLEARANCE_OUTPUT,
+    EXIT_OUTPUT,
+    NO_OUTPUT,
+    STATE_OUTPUT,
+    TIME_OUTPUT,
+)
+from satsep_ot.dynamics.kernels.batch import run_rows, sweep_rows
+from satsep_ot.dynamics.kernels.compilation import prepare
+from satsep_ot.dynamics.kernels.records import (
+    LANES,
+    LARGEST,
+    MAXIMUM_STEPS,
+    RESULT_SIZE,
+    STATE,
+    STATE_SIZE,
+    Buffers,
+    memory,
+)
+from satsep_ot.dynamics.quantities import STATE_FIELDS, base_fields, quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches, stack_orbit
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.sensitivities import LANES, adjoint_sweep, sweep_size
-from satsep_ot.dynamics.separation import LARGEST, PLATFORM, SATELLITE, Separation, Status, invalid_parameter
-from satsep_ot.dynamics.springs import ForceLaw, table_segments
-from satsep_ot.dynamics.system import (
-    GRAVITY,
-    GRAVITY_WITH_TORQUE,
-    LAW,
-    MARK_COLUMNS,
-    NO_GRAVITY,
-    SPRING_COLUMNS,
-    SPRING_MARKS,
-    SPRINGS,
-    STATE_SIZE,
-    WORK_SIZE,
-)
+from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
+from satsep_ot.dynamics.springs import spring_records
 
 SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
-# Columns of the base that the coast after the release starts from: d, w, q1 and the time.
-COAST_COLUMNS = [*range(6), *range(16, STATE_SIZE + 1)]
+# What the coast after the release starts from.
+COAST_FIELDS = [*(field for field in STATE_FIELDS if field.startswith(("d_", "w_", "q_1_"))), "time"]
 RUN_CHUNK = 1024  # runs between two looks at the keyboard, some 20 ms
 
 
-class Store(NamedTuple):
-    """Room for some runs, one in each slot, and for the step that is being made."""
-
-    c: np.ndarray  # what runs depend on, see satsep_ot.dynamics.system
-    marks: np.ndarray
-    x: np.ndarray  # tapes: states, times, step lengths, and method, event and spring of each step
-    t: np.ndarray
-    h: np.ndarray
-    kinds: np.ndarray
-    exits: np.ndarray  # step, base and method of each point's exit, then see flight.Follow
-    exit_h: np.ndarray
-    exit_x: np.ndarray
-    exit_clearance: np.ndarray
-    closest_x: np.ndarray
-    closest: np.ndarray
-    work: np.ndarray
-    start: np.ndarray
-    room: np.ndarray
-    room_x: np.ndarray
-
-
-def _store(separation, slots):
-    """A store whose c and marks hold what all runs share."""
-    springs, points, planes = separation.springs, separation.recess_points(), separation.recess_planes
-    spring_number, point_number = len(springs), len(points)
-    tables = table_segments(springs.tables, spring_number)
-    places = np.cumsum([SPRINGS + SPRING_COLUMNS * spring_number, tables.size, points.size, planes.size])
-    c = np.zeros((slots, places[3]))
-    for part, place in ((tables, places[0]), (points, places[1]), (planes, places[2])):
-        c[:, place : place + part.size] = part.ravel()
-    marks = np.zeros((slots, SPRING_MARKS + MARK_COLUMNS * spring_number), np.int64)
-    marks[:, :SPRING_MARKS] = (
-        spring_number, tables.shape[1], point_number, len(planes), separation.force_line, gravity_level(separation),
-        *places[:3], np.count_nonzero(springs.laws == ForceLaw.TABLE), 0,
-    )  # fmt: skip
-    marks[:, SPRING_MARKS + LAW :: MARK_COLUMNS] = springs.laws
-    return Store(
-        c,
-        marks,
-        np.empty((slots, MAXIMUM_STEPS + 1, STATE_SIZE)),
-        np.empty((slots, MAXIMUM_STEPS + 1)),
-        np.empty((slots, MAXIMUM_STEPS)),
-        np.empty((slots, 3, MAXIMUM_STEPS), np.int64),
-        np.empty((slots, 3, point_number), np.int64),
-        np.empty((slots, point_number)),
-        np.empty((slots, point_number, STATE_SIZE)),
-        np.empty((slots, point_number)),
-        np.empty((slots, STATE_SIZE)),
-        np.empty((slots, 5)),
-        np.empty(WORK_SIZE),
-        np.empty((point_number, 6)),
-        np.empty(6),
-        np.empty(STATE_SIZE),
+def _buffers(separation, slots):
+    """The memory of some runs, which holds what all runs of the separation share."""
+    points, planes = separation.recess_points(), separation.recess_planes
+    spring_number, point_number, plane_number = len(separation.springs), len(points), len(planes)
+    springs, cubics = spring_records(separation.springs, separation.force_line)
+    buffers = Buffers(
+        systems=memory(slots, records.SYSTEM),
+        springs=memory((slots, spring_number), records.SPRING),
+        cubics=cubics,
+        points=memory((slots, point_number), records.POINT),
+        planes=memory((slots, plane_number), records.PLANE),
+        tapes=memory((slots, MAXIMUM_STEPS + 1), records.TAPE),
+        steps=memory(1, records.STEP),
+        progress=memory(1, records.PROGRESS),
+        parameters=memory(1, records.PARAMETERS),
+        spring_parameters=memory(spring_number, records.SPRING_PARAMETERS),
+        offsets=np.empty(plane_number),
+        gradients=memory(LANES, records.PARAMETERS),
+        spring_gradients=memory((LANES, spring_number), records.SPRING_PARAMETERS),
+        offset_gradients=np.empty((LANES, plane_number)),
+        chains=memory(1, records.CHAIN_ADJOINT),
+        constants=memory(1, records.CONSTANTS_ADJOINT),
+        spring_adjoints=memory(spring_number, records.SPRING_ADJOINT),
+        offset_adjoints=np.empty((plane_number, LANES)),
     )
-
-
-@njit(**KERNEL)
-def slot_views(slot, store):
-    """Tape and follow-up of the run in a slot."""
-    return (
-        Tape(
-            store.x[slot], store.t[slot], store.h[slot], store.kinds[slot, 0], store.kinds[slot, 1],
-            store.kinds[slot, 2],
-        ),
-        Follow(
-            store.exits[slot, 0], store.exits[slot, 1], store.exit_h[slot], store.exits[slot, 2], store.exit_x[slot],
-            store.exit_clearance[slot], store.closest_x[slot], store.closest[slot], store.start, store.room,
-            store.room_x,
-        ),
-    )  # fmt: skip
-
-
-def _entry_points(source_digest):
-    """The compiled batch runs, kept on disk under keys that contain the digest of the sources."""
-
-    @entry_point
-    def run_rows(
-        first, end, keep, parameters, orbit, attitude, horizon, tolerance, stops, store,
-        base, release_time, status, steps, last, states,
-    ):  # fmt: skip
-        """Rows first to end - 1 of `parameters`, one after the other; with keep = 1 each in a slot of its own.
-
-        Writes what the quantities are made of into `base`: state and time at the last release, smallest clearance,
-        clearances at exit.
-        """
-        digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
-        for row in range(first, end):
-            slot = (row - first) * keep
-            tape, follow = slot_views(slot, store)
-            code, number, index = run(
-                orbit, attitude, stops, horizon, tolerance, parameters[row], store.c[slot], store.marks[slot],
-                store.work, tape, follow, release_time[row], states[row],
-            )  # fmt: skip
-            status[row] = code
-            steps[row] = number
-            last[row] = index
-            for n in range(STATE_SIZE):
-                base[row, n] = tape.x[index, n]
-            base[row, STATE_SIZE] = tape.t[index]
-            base[row, STATE_SIZE + 1] = follow.closest[0]
-            for i in range(follow.clearance.shape[0]):
-                base[row, STATE_SIZE + 2 + i] = follow.clearance[i]
-
-    @entry_point
-    def sweep_rows(first, end, parameters, store, status, last, columns, room, gradients):
-        """Gradients (n, len(columns), P) of columns of the base, a multiple of LANES, of the runs in the slots."""
-        digest = source_digest  # noqa: F841
-        for row in range(first, end):
-            if status[row] == 0:
-                slot = row - first
-                tape, follow = slot_views(slot, store)
-                # What an earlier run left there may be infinite, and 0 times infinity is no number.
-                forget_slopes(store.work)
-                for block in range(0, columns.shape[0], LANES):
-                    adjoint_sweep(
-                        columns, block, last[row], parameters[row], store.work, store.c[slot], store.marks[slot], tape,
-                        follow, room, gradients[row],
-                    )  # fmt: skip
-
-    return run_rows, sweep_rows
-
-
-run_rows, sweep_rows = _entry_points(SOURCE_DIGEST)
+    buffers.systems["force_line"] = separation.force_line
+    buffers.systems["has_stowed_length"] = separation.force_line.has_stowed_length
+    buffers.systems["gravity"] = gravity_level(separation)
+    buffers.springs[:] = springs
+    buffers.points["place"] = points
+    buffers.planes["normal"] = planes[:, :3]
+    return buffers
 
 
 def _in_threads(count, chunk, job):
@@ -190,7 +101,8 @@ class Outcome:
     parameters : ndarray, shape (n, P)
         One row a run; see `Separation.parameter_names`.
     base : ndarray, shape (n, B)
-        What the quantities are made of; see `satsep_ot.dynamics.quantities`. NaN in a row whose status is not OK.
+        What the quantities are made of; see `satsep_ot.dynamics.quantities.base_fields`. NaN in a row whose status is
+        not OK.
     release_times : ndarray, shape (n, N)
         When each spring was released [s].
     status : ndarray of int, shape (n,)
@@ -223,14 +135,20 @@ class Outcome:
     def _table(self):
         return quantity_table(self.separation)
 
+    @cached_property
+    def _columns(self):
+        return {field: column for column, field in enumerate(base_fields(self.separation))}
+
     def quantity(self, name: str) -> np.ndarray:
         """The quantity of that name for every run, shape (n,), in its own unit."""
-        return self._table[name].value(self.base)
+        quantity = self._table[name]
+        return quantity.value(self.base[:, [self._columns[field] for field in quantity.fields]])
 
     def quantity_gradient(self, name: str) -> np.ndarray:
         """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base."""
         quantity = self._table[name]
-        return np.einsum("nc,ncp->np", quantity.gradient(self.base), self.gradients[:, list(quantity.columns)])
+        columns = [self._columns[field] for field in quantity.fields]
+        return np.einsum("nc,ncp->np", quantity.gradient(self.base[:, columns]), self.gradients[:, columns])
 
     def explain(self, row: int) -> str:
         """One sentence on how run `row` ended; for invalid parameters it names the first and its value."""
@@ -242,8 +160,8 @@ class Outcome:
 def gravity_level(separation: Separation) -> int:
     """The level of gravity that the kernels take."""
     if separation.orbit is None:
-        return NO_GRAVITY
-    return GRAVITY_WITH_TORQUE if separation.gradient_torque else GRAVITY
+        return records.NO_GRAVITY
+    return records.GRAVITY_WITH_TORQUE if separation.gradient_torque else records.GRAVITY
 
 
 def parameter_rows(separation: Separation, parameters: ArrayLike | None) -> np.ndarray:
@@ -321,24 +239,34 @@ def simulate_with_gradients(
     unknown = set(quantities or ()) - set(table)
     if unknown:
         raise ValueError(f"quantities: {sorted(unknown)} is unknown; {sorted(table)} are allowed")
-    wanted = sorted({column for name in quantities or table for column in table[name].columns})
-    recontact = base_size(separation) - 1 if separation.recontact is not None else -1
-    swept = sorted((set(wanted) | set(COAST_COLUMNS)) - {recontact}) if recontact in wanted else wanted
-    columns = np.full(-(-len(swept) // LANES) * LANES, -1, np.int64)
-    columns[: len(swept)] = swept
-    outcome, _, gradients = _simulate(separation, parameters, np.empty(0), tolerance, columns)
-    full = np.zeros((len(gradients), outcome.base.shape[1], gradients.shape[2]))
+    fields = base_fields(separation)
+    wanted = {field for name in quantities or table for field in table[name].fields}
+    recontact = "recontact_distance" in wanted
+    if recontact:
+        wanted = wanted.union(COAST_FIELDS) - {"recontact_distance"}
+    swept = [column for column, field in enumerate(fields) if field in wanted]
+    outputs = memory(-(-len(swept) // LANES) * LANES, records.OUTPUT)
+    outputs["kind"] = NO_OUTPUT
+    for output, column in zip(outputs, swept, strict=False):
+        output["kind"], output["index"] = _output(column)
+    outcome, _, gradients = _simulate(separation, parameters, np.empty(0), tolerance, outputs)
+    full = np.zeros((len(gradients), len(fields), gradients.shape[2]))
     full[:, swept] = gradients[:, : len(swept)]
-    if recontact in wanted:
+    if recontact:
         by_coast = _coast(separation, outcome.parameters, outcome.base, gradient=True)[2]
-        full[:, recontact] = np.einsum("nc,ncp->np", by_coast[:, COAST_COLUMNS], full[:, COAST_COLUMNS])
-        full[:, recontact, [PLATFORM, SATELLITE]] += by_coast[:, -2:]
+        start = [fields.index(field) for field in COAST_FIELDS]
+        full[:, -1] = np.einsum("nc,ncp->np", by_coast[:, start], full[:, start])
+        full[:, -1, [PLATFORM, SATELLITE]] += by_coast[:, -2:]
     return replace(outcome, gradients=full)
 
 
-def base_size(separation: Separation) -> int:
-    """How many columns the base of a separation has."""
-    return STATE_SIZE + 2 + len(separation.recess_points()) + (separation.recontact is not None)
+def _output(column):
+    """What the kernels call a column of the base."""
+    if column < STATE_SIZE:
+        return STATE_OUTPUT, column
+    if column < RESULT_SIZE:
+        return (TIME_OUTPUT, CLEARANCE_OUTPUT)[column - STATE_SIZE], 0
+    return EXIT_OUTPUT, column - RESULT_SIZE
 
 
 def _coast(separation, parameters, base, gradient=False):
@@ -350,48 +278,52 @@ def _coast(separation, parameters, base, gradient=False):
         )  # fmt: skip
 
 
-_NO_COLUMNS = np.empty(0, np.int64)
+_NO_OUTPUTS = memory(0, records.OUTPUT)
 
 
-def _simulate(separation, parameters, stops, tolerance, columns=_NO_COLUMNS):
-    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of columns of the base (n, C, P)."""
+def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
+    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of outputs (n, C, P)."""
     rows = parameter_rows(separation, parameters)
-    n, spring_number = len(rows), len(separation.springs)
+    n, point_number = len(rows), len(separation.recess_points())
     common = (
         separation.platform_orbit(), separation.attitude, float(separation.horizon), check_tolerance(tolerance), stops
     )  # fmt: skip
-    base, release_times = np.empty((n, base_size(separation))), np.empty((n, spring_number))
+    results, exit_clearances = memory(n, records.RESULT), np.empty((n, point_number))
+    release_times = np.full((n, len(separation.springs)), np.nan)
     status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    states = np.empty((n, len(stops), STATE_SIZE))
-    gradients = np.full((n, len(columns), rows.shape[1]), np.nan)
-    sweeping = len(columns) > 0
+    states = memory((n, len(stops)), STATE)
+    gradients = np.full((n, len(outputs), rows.shape[1]), np.nan)
+    sweeping = len(outputs) > 0
 
     def job(first, end):
-        store = _store(separation, SWEEP_CHUNK if sweeping else 1)
-        room = np.empty(sweep_size(spring_number, len(separation.recess_planes)))
-        runs = first, end, int(sweeping), rows, *common, store, base, release_times, status, steps, last, states
-        sweeps = first, end, rows, store, status, last, columns, room, gradients
+        buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1)
+        runs = (
+            first, end, int(sweeping), rows, *common, buffers, results, exit_clearances, release_times, status, steps,
+            last, states,
+        )  # fmt: skip
+        sweeps = first, end, rows, buffers, status, last, outputs, gradients
         prepare({run_rows: runs, sweep_rows: sweeps})
         run_rows(*runs)
         if sweeping:
             sweep_rows(*sweeps)
 
     _in_threads(n, SWEEP_CHUNK if sweeping else RUN_CHUNK, job)
-    points = len(separation.recess_points())
+    base = np.full((n, len(base_fields(separation))), np.nan)
+    base[:, :RESULT_SIZE] = results["x"]
+    base[:, RESULT_SIZE : RESULT_SIZE + point_number] = exit_clearances
     # The smallest clearance of no points is infinite.
-    results = base[:, : STATE_SIZE + 2 + points if points else STATE_SIZE + 1]
+    computed = base[:, : RESULT_SIZE + point_number if point_number else STATE_SIZE + 1]
     flown = status == Status.OK
-    status[flown & ~(np.abs(results) < LARGEST).all(axis=1)] = Status.STEP_UNDERFLOW
+    status[flown & ~(np.abs(computed) < LARGEST).all(axis=1)] = Status.STEP_UNDERFLOW
     if separation.recontact is not None:
-        base[:, -1] = np.nan
         flown = status == Status.OK
         base[flown, -1] = _coast(separation, rows[flown], base[flown])[0]
         status[flown & ~np.isfinite(base[:, -1])] = Status.STEP_UNDERFLOW
     failed = status != Status.OK
     base[failed] = np.nan
-    states[failed] = np.nan
+    states["x"][failed] = np.nan
     gradients[failed] = np.nan
-    return Outcome(separation, rows, base, release_times, status, steps), states, gradients
+    return Outcome(separation, rows, base, release_times, status, steps), states["x"], gradients
 
 
 @dataclass(frozen=True)
@@ -403,7 +335,7 @@ class Trajectory:
     status : Status
     times : ndarray, shape (T,) [s]
     states : ndarray, shape (T, 20)
-        See `satsep_ot.dynamics.system`.
+        See `satsep_ot.dynamics.kernels.records`.
     release_times : ndarray, shape (N,) [s]
     last_release : ndarray, shape (20,)
         The state at the last release.

@@ -119,12 +119,11 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
         """
         X = self._checked(X)
         Y = np.empty((len(X), self.getOutputDimension()))
-        table = quantity_table(self._separation)
         for start in range(0, len(X), _CHUNK):
             rows = slice(start, start + _CHUNK)
             outcome = self._run(simulate, X, rows)
             for column, name in enumerate(self._quantities):
-                Y[rows, column] = table[name].value(outcome.base)
+                Y[rows, column] = outcome.quantity(name)
         return Y
 
     def computeGradientSample(self, X: Any) -> np.ndarray:

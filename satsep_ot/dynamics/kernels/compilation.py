@@ -4,7 +4,7 @@
 
 Numba renews a cached function when its own file changes, not when a function that it calls does. Inner kernels are
 therefore not cached, and an entry point is a closure over `SOURCE_DIGEST`, which its cache key contains: a change
-anywhere in this folder compiles anew.
+anywhere in this folder compiles anew. Kernels therefore import nothing of the package from outside of it.
 
 What the cache lacks is compiled by processes of their own (`prepare`). They work at once; and every process that
 simulates loads the same machine code. One that compiles would link its entry points to inner kernels that it compiled
@@ -17,13 +17,16 @@ import subprocess
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 from numba import njit
 from numba.core import event
+from numba.core.dispatcher import Dispatcher
+from numba.extending import register_jitable
 
 OPTIONS = {"error_model": "numpy", "fastmath": {"contract"}, "_nrt": False}
 # Functions that only kernels call need no way in from Python, which costs a third of the time to compile them.
@@ -32,30 +35,63 @@ KERNEL = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, **OPTIONS}
 INLINE = {"forceinline": True, **KERNEL}
 
 
-@njit(**INLINE)
-def known(index):
-    """The index itself, for the compiler to see that it is not negative.
+def kernel(function: Callable) -> Any:
+    """Compile a function that only kernels call."""
+    return njit(**KERNEL)(function)
 
-    Where numba must allow for an index from the end, the compiler makes no vector instructions of a loop.
+
+def inline(function: Callable) -> Any:
+    """Compile a small function into the kernels that call it; Python calls it as it is."""
+    return register_jitable(**INLINE)(function)
+
+
+def choice(functions: Sequence[Callable]) -> Any:
+    """One function that calls functions[number], with `number` as an argument in front of theirs.
+
+    They are plain Python or compiled.
     """
-    return index & 0xFFFFF
+    functions = [function if isinstance(function, Dispatcher) else inline(function) for function in functions]
+    chosen = functions[-1]
+
+    @inline
+    def choose(number, *arguments):
+        return chosen(*arguments)
+
+    for number, function in reversed(list(enumerate(functions[:-1]))):
+        choose = _branch(np.int64(number), function, choose)
+    return choose
 
 
-@njit(**INLINE)
+def _branch(own, function, others):
+    @inline
+    def choose(number, *arguments):
+        if number == own:
+            return function(*arguments)
+        return others(number, *arguments)
+
+    return choose
+
+
+def integers(*values: int) -> np.ndarray:
+    """Constants for the kernels: numba compiles a function anew for every Python integer that it is called with."""
+    return np.array(values, dtype=np.int64)
+
+
+@inline
 def larger(a, b):
     """The larger of two numbers; `max` and `min` cost numba more to compile."""
     return b if b > a else a
 
 
-@njit(**INLINE)
+@inline
 def smaller(a, b):
     """The smaller of two numbers."""
     return b if b < a else a
 
 
 def _digest(folder):
-    """A number that changes with any source file in the folder."""
-    content = b"".join(path.read_bytes() for path in sorted(folder.glob("*.py")))
+    """A number that changes with any source file in the folder and below it."""
+    content = b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))
     return int.from_bytes(hashlib.sha256(content).digest()[:6], "big")
 
 

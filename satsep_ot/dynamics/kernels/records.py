@@ -1,0 +1,355 @@
+"""What the kernels work on: records with named fields, and what they are put together to. SI units, radians.
+
+Platform axes unless said. Matrices stand row by row. A record is passed as one pointer.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+STAGES = 12  # of a Runge-Kutta step, at most
+LANES = 8  # outputs that are differentiated together: one vector register of the processor
+MAXIMUM_STEPS = 1000
+LARGEST = 1e30  # far beyond any physical value, so that no product overflows
+
+NUMBER, INTEGER = np.float64, np.int64
+VECTOR, MATRIX = (NUMBER, 3), (NUMBER, 9)
+
+
+def record(*fields: tuple) -> np.dtype:
+    """A record type of these fields: name, type and, for an array, its shape."""
+    return np.dtype(list(fields), align=True)
+
+
+def memory(shape: int | tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+    """An array of records, all zero; their fields are attributes in Python as in compiled code."""
+    return np.zeros(shape, np.dtype((np.record, dtype)))
+
+
+def named(*fields: tuple, lanes: tuple = ()) -> np.dtype:
+    """A record type whose numbers (or rows of lanes) also stand in one field `x`, one after the other."""
+    parts = record(*fields)
+    size = parts.itemsize // np.dtype((NUMBER, lanes)).itemsize
+    return np.dtype(
+        {
+            "names": ["x", *parts.names],
+            "formats": [(NUMBER, (size, *lanes)), *(parts[name] for name in parts.names)],
+            "offsets": [0, *(parts.fields[name][1] for name in parts.names)],
+            "itemsize": parts.itemsize,
+        },
+        align=True,
+    )
+
+
+def _state(*lanes):
+    three, four = (NUMBER, (3, *lanes)), (NUMBER, (4, *lanes))
+    return named(
+        ("d", *three),  # position of the satellite's CG from the platform's CG
+        ("w", *three),  # inertial relative velocity of the CGs
+        ("omega_1", *three),  # platform body rates
+        ("omega_2", *three),  # satellite body rates, satellite axes
+        ("Q", *four),  # quaternion from satellite to platform axes
+        ("q_1", *four),  # quaternion from platform to inertial axes
+        lanes=lanes,
+    )
+
+
+STATE = _state()
+STATE_SIZE = STATE["x"].shape[0]
+
+# The flat vector of parameters: this record, one for each spring, then the offset of each plane.
+BODY_PARAMETERS = record(("mass", NUMBER), ("inertia", NUMBER, 6), ("center_of_mass", *VECTOR))
+PARAMETERS = named(
+    ("platform", BODY_PARAMETERS),
+    ("satellite", BODY_PARAMETERS),
+    ("rates", *VECTOR),
+    ("mounting_error", *VECTOR),
+    ("stowed_length", NUMBER),
+    ("recess_radius", NUMBER),
+    ("recess_depth", NUMBER),
+    ("impulse", *VECTOR),
+    ("angular_impulse", *VECTOR),
+    ("guide_friction", NUMBER),
+)
+SPRING_PARAMETERS = named(
+    ("angle", NUMBER),
+    ("radius", NUMBER),
+    ("stiffness", NUMBER),
+    ("deformation", NUMBER),
+    ("stroke", NUMBER),
+    ("cant", NUMBER),
+    ("delay", NUMBER),
+    ("scale", NUMBER),
+)
+
+BODY = record(("inertia", *MATRIX), ("inverse_inertia", *MATRIX), ("center_of_mass", *VECTOR))
+
+# The orbit of the platform's CG is expanded about an anchor.
+ANCHOR = record(
+    ("mu", NUMBER),
+    ("time", NUMBER),
+    ("position", *VECTOR),  # ECI, from the centre of the Earth
+    ("velocity", *VECTOR),
+    ("acceleration", *VECTOR),
+    ("inverse_square", NUMBER),  # 1 / r^2
+    ("inverse_radius", NUMBER),
+    ("rate", NUMBER),  # mu / r^3
+    ("rate_slope", NUMBER),  # d/dt of it
+)
+
+SPRING = record(
+    ("platform_seat", *VECTOR),  # from the platform's CG
+    ("satellite_seat", *VECTOR),  # from the satellite's CG, satellite axes
+    ("guide", *VECTOR),  # direction
+    ("stiffness", NUMBER),
+    ("deformation", NUMBER),
+    ("release_stroke", NUMBER),
+    ("delay", NUMBER),
+    ("scale", NUMBER),
+    ("law", INTEGER),  # its number in ForceLaw, and the properties of that law
+    ("is_linear", INTEGER),
+    ("has_stiffness", INTEGER),
+    ("holds_back", INTEGER),
+    ("has_table", INTEGER),
+    ("in_sums", INTEGER),  # whether its force is part of the sums of the guided springs
+    ("first_cubic", INTEGER),  # of its force-stroke table
+    ("cubic_number", INTEGER),
+    ("is_pending", INTEGER),  # still to push
+    ("is_pushing", INTEGER),
+)
+
+# A piece of a force-stroke table: a cubic in the stroke from its start on, ascending coefficients.
+CUBIC = record(("start", NUMBER), ("coefficients", NUMBER, 4))
+
+# The forces of guided springs are the product of a matrix with (1, d, rotation matrix of Q): see `springs`.
+SUM_ROWS, SUM_COLUMNS = 12, 13
+
+# The smallest clearance of all points, and where it was met.
+CLOSEST = record(
+    ("clearance", NUMBER),
+    ("point", INTEGER),
+    ("kind", INTEGER),
+    ("step", INTEGER),
+    ("length", NUMBER),  # of the step to it [s]
+    ("state", STATE),
+)
+
+# What the motion depends on beside time and state.
+SYSTEM = record(
+    ("platform", BODY),
+    ("satellite", BODY),
+    ("inverse_reduced_mass", NUMBER),
+    ("stowed_length", NUMBER),
+    ("guide_friction", NUMBER),
+    ("recess_radius", NUMBER),
+    ("recess_depth", NUMBER),
+    ("force_line", INTEGER),
+    ("has_stowed_length", INTEGER),  # whether the springs of this force line have one
+    ("gravity", INTEGER),
+    ("anchor", ANCHOR),
+    ("sums", NUMBER, (SUM_COLUMNS, SUM_ROWS)),
+    ("number_in_sums", INTEGER),  # of the springs that push now
+    ("number_beside", INTEGER),  # and of those whose force is computed by itself
+    ("closest", CLOSEST),
+)
+
+MOTION = record(("position", *VECTOR), ("velocity", *VECTOR))
+
+# A point of the envelope.
+POINT = record(
+    ("place", *VECTOR),  # from the satellite's ring centre, satellite axes
+    ("exit_step", INTEGER),  # in which it left the recess, -1 before
+    ("exit_base", INTEGER),  # index of the tape state from which the exit is reached by one step
+    ("exit_length", NUMBER),  # of that step [s]
+    ("exit_method", INTEGER),
+    ("exit_clearance", NUMBER),
+    ("exit_state", STATE),
+    ("start", MOTION),  # where the current step starts
+)
+
+# A plane wall: free is where normal . r >= offset, with r from the platform's ring centre.
+PLANE = record(("normal", *VECTOR), ("offset", NUMBER))
+
+# The tape: each state, its time, and the step that leads on from there.
+TAPE = record(
+    ("state", STATE),
+    ("time", NUMBER),
+    ("length", NUMBER),
+    ("method", INTEGER),
+    ("event", INTEGER),  # what ends the step
+    ("spring", INTEGER),  # which spring does
+)
+
+# Scratch of a step.
+STEP = record(
+    ("stage", STATE, STAGES),
+    ("slope", STATE, STAGES),
+    ("end", STATE),
+    ("allowed", STATE),  # error
+    ("other", STATE),  # a state beside the chain
+    ("motion", MOTION),
+    ("forces", NUMBER, SUM_ROWS),  # of the guided springs
+    ("row", NUMBER, SUM_ROWS),
+    ("column", NUMBER, SUM_COLUMNS),
+)
+
+# Where a run is, and how it goes on.
+PROGRESS = record(
+    ("horizon", NUMBER),
+    ("tolerance", NUMBER),
+    ("step_tolerance", NUMBER),
+    ("frequency", NUMBER),  # [rad/s], not below any of the motion
+    ("velocity", NUMBER),  # typical one of the separation
+    ("length", NUMBER),  # typical one of the strokes
+    ("short", NUMBER),  # up to this a fourth-order step is exact enough [s]
+    ("next_step", NUMBER),  # what the error control suggests [s]
+    ("longest_turn", NUMBER),  # step that turns the bodies by no more than is allowed [s]
+    ("time", NUMBER),
+    ("step", INTEGER),  # index of the tape's current state
+    ("last", INTEGER),  # that at the last release
+    ("to_release", INTEGER),
+    ("inside", INTEGER),  # points that are still in the recess
+    ("stop", INTEGER),  # next of the times asked for
+    # The next boundary, which no step may cross, and what happens there.
+    ("boundary", NUMBER),
+    ("boundary_event", INTEGER),
+    ("boundary_spring", INTEGER),
+    # The next release as it is expected, from now.
+    ("release_in", NUMBER),
+    ("release_spring", INTEGER),
+    ("release_share", NUMBER),  # stroke by now over that at the release
+    ("knot_in", NUMBER),  # and the next knot of a table
+    # The step that was taken.
+    ("h", NUMBER),
+    ("method", INTEGER),
+    ("event", INTEGER),
+    ("spring", INTEGER),
+)
+
+
+# What a run leaves behind beside its release times and the clearances of its points at their exits.
+RESULT = named(
+    ("state", STATE),  # at the last release
+    ("time", NUMBER),  # of it [s]
+    ("clearance", NUMBER),  # smallest one of all points
+)
+RESULT_SIZE = RESULT["x"].shape[0]
+
+
+class Run(NamedTuple):
+    """All that one run works on."""
+
+    system: Any  # record SYSTEM
+    springs: Any  # SPRING (N,)
+    cubics: Any  # CUBIC (M,)
+    points: Any  # POINT (E,)
+    planes: Any  # PLANE (W,)
+    tape: Any  # TAPE (MAXIMUM_STEPS + 1,)
+    step: Any  # record STEP
+    progress: Any  # record PROGRESS
+
+
+class Parameters(NamedTuple):
+    """The parameters of one run: the flat vector and its parts."""
+
+    vector: Any  # (P,)
+    common: Any  # record PARAMETERS
+    springs: Any  # SPRING_PARAMETERS (N,)
+    offsets: Any  # of the planes (W,)
+
+
+class Gradients(NamedTuple):
+    """The derivatives of LANES outputs with respect to them."""
+
+    common: Any  # PARAMETERS (LANES,)
+    springs: Any  # SPRING_PARAMETERS (LANES, N)
+    offsets: Any  # (LANES, W)
+
+
+_LANE = (LANES,)
+_VECTOR_LANES, _MATRIX_LANES = (NUMBER, (3, LANES)), (NUMBER, (9, LANES))
+STATE_ADJOINT = _state(LANES)
+BODY_ADJOINT = record(("inertia", *_MATRIX_LANES), ("center_of_mass", *_VECTOR_LANES))
+SPRING_ADJOINT = named(
+    ("platform_seat", *_VECTOR_LANES),
+    ("satellite_seat", *_VECTOR_LANES),
+    ("guide", *_VECTOR_LANES),
+    *((name, NUMBER, _LANE) for name in ("stiffness", "deformation", "release_stroke", "delay", "scale")),
+    lanes=_LANE,
+)
+# The adjoints of the constants of a run.
+CONSTANTS_ADJOINT = named(
+    ("platform", BODY_ADJOINT),
+    ("satellite", BODY_ADJOINT),
+    ("inverse_reduced_mass", NUMBER, _LANE),
+    ("stowed_length", NUMBER, _LANE),
+    ("guide_friction", NUMBER, _LANE),
+    ("recess_radius", NUMBER, _LANE),
+    ("recess_depth", NUMBER, _LANE),
+    ("sums", NUMBER, (SUM_COLUMNS, SUM_ROWS, LANES)),
+    lanes=_LANE,
+)
+# The adjoints of state and time on the way back, and scratch.
+CHAIN_ADJOINT = record(
+    ("state", STATE_ADJOINT),
+    ("time", NUMBER, _LANE),
+    ("branch", STATE_ADJOINT),  # of a state beside the chain
+    ("slope", STATE_ADJOINT),
+    ("stage", STATE_ADJOINT, STAGES),
+    ("force", *_VECTOR_LANES),  # of the sums over the springs, platform axes
+    ("platform_moment", *_VECTOR_LANES),
+    ("satellite_moment", *_VECTOR_LANES),
+    ("platform_torque", *_VECTOR_LANES),  # of all moments, each in the axes of its body
+    ("satellite_torque", *_VECTOR_LANES),
+    ("rotation", *_MATRIX_LANES),  # of the matrix of Q
+    ("platform_rotation", *_MATRIX_LANES),  # of that of q_1
+    ("sums_product", NUMBER, (SUM_ROWS, LANES)),
+    # What one spring passes on: of its force, its contact point and its stroke; of the size of its force, of its
+    # satellite seat and of the satellite's y axis in platform axes.
+    ("spring_force", *_VECTOR_LANES),
+    ("point", *_VECTOR_LANES),
+    ("stroke", NUMBER, _LANE),
+    ("size", NUMBER, _LANE),
+    ("seat", *_VECTOR_LANES),
+    ("plate", *_VECTOR_LANES),
+    ("direction", *_VECTOR_LANES),  # to the Earth
+    *((name, NUMBER, _LANE) for name in ("by_f_0", "by_f_1", "by_row", "by_column")),  # of a spring in the sums
+)
+
+
+class Buffers(NamedTuple):
+    """The memory of some runs, each in a slot of its own, and of the step and the sweep that are being made."""
+
+    systems: Any  # SYSTEM (S,)
+    springs: Any  # SPRING (S, N)
+    cubics: Any  # CUBIC (M,), of all runs
+    points: Any  # POINT (S, E)
+    planes: Any  # PLANE (S, W)
+    tapes: Any  # TAPE (S, MAXIMUM_STEPS + 1)
+    steps: Any  # STEP (1,)
+    progress: Any  # PROGRESS (1,)
+    parameters: Any  # PARAMETERS (1,)
+    spring_parameters: Any  # SPRING_PARAMETERS (N,)
+    offsets: Any  # (W,)
+    gradients: Any  # see Gradients
+    spring_gradients: Any
+    offset_gradients: Any
+    chains: Any  # CHAIN_ADJOINT (1,)
+    constants: Any  # CONSTANTS_ADJOINT (1,)
+    spring_adjoints: Any  # SPRING_ADJOINT (N,)
+    offset_adjoints: Any  # (W, LANES)
+
+
+class Sweep(NamedTuple):
+    """The adjoints of LANES outputs on their way back through one run."""
+
+    chain: Any  # record CHAIN_ADJOINT
+    constants: Any  # record CONSTANTS_ADJOINT
+    springs: Any  # SPRING_ADJOINT (N,)
+    offsets: Any  # of the planes (W, LANES)
+
+
+# A number of a run that is differentiated: see `adjoint`.
+OUTPUT = record(("kind", INTEGER), ("index", INTEGER))
+
+NO_GRAVITY, GRAVITY, GRAVITY_WITH_TORQUE = np.array([0, 1, 2])

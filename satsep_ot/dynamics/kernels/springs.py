@@ -1,0 +1,350 @@
+"""The springs of a run: which of them push, what they do to the bodies, and how their strokes go on.
+
+With the guide n of a guided spring, its satellite seat b, its platform seat a, and d and R of the state, the stroke
+s = n . (d + R b - a) is linear in (1, d, R). So is the force f = f_0 + f_1 s of a law that is linear in the stroke:
+the product of the column (f_0 - f_1 n . a, f_1 n, f_1 n b^T) with (1, d, R). The sums of f n and f n b^T, the rows
+(n, n b^T), give every force and moment. One matrix, the sum of column times row, makes the right-hand side independent
+of the number of springs. The force of any other spring is computed by itself.
+"""
+
+import numpy as np
+
+from satsep_ot.dynamics.kernels.compilation import inline, integers, kernel
+from satsep_ot.dynamics.kernels.force_laws import force
+from satsep_ot.dynamics.kernels.force_lines import contact, contact_adjoint
+from satsep_ot.dynamics.kernels.records import LANES, SUM_COLUMNS, SUM_ROWS
+from satsep_ot.dynamics.kernels.vectors import (
+    ZERO,
+    add_lane,
+    add_product,
+    cross,
+    dot,
+    lane,
+    minus,
+    plus,
+    put_lane,
+    rotation,
+    scaled,
+    times,
+    transposed_times,
+    vector,
+)
+
+OFF, ON = integers(0, 1)
+
+
+@kernel
+def row_and_column(spring, cubics, step):
+    """What a guided spring adds to the sums, as a row and a column in `step`."""
+    f_0, f_1, _, _ = force(spring, cubics, 0.0)
+    f_0 *= spring.scale
+    f_1 *= spring.scale
+    step.column[0] = f_0 - f_1 * dot(spring.guide, spring.platform_seat)
+    for n in range(3):
+        direction = spring.guide[n]
+        step.row[n] = direction
+        step.column[1 + n] = f_1 * direction
+        for m in range(3):
+            entry = direction * spring.satellite_seat[m]
+            step.row[3 + 3 * n + m] = entry
+            step.column[4 + 3 * n + m] = f_1 * entry
+
+
+@kernel
+def clear_sums(system):
+    """No spring pushes."""
+    system.number_in_sums = 0
+    system.number_beside = 0
+    for j in range(SUM_COLUMNS):
+        for n in range(SUM_ROWS):
+            system.sums[j, n] = 0.0
+
+
+@kernel
+def switch(spring, on, run):
+    """Let a spring push, or no longer."""
+    system = run.system
+    sign = 2 * on - 1
+    spring.is_pushing = on
+    if not spring.in_sums:
+        system.number_beside += sign
+        return
+    system.number_in_sums += sign
+    if system.number_in_sums == 0:
+        for j in range(SUM_COLUMNS):
+            for n in range(SUM_ROWS):
+                system.sums[j, n] = 0.0
+        return
+    row_and_column(spring, run.cubics, run.step)
+    for j in range(SUM_COLUMNS):
+        factor = sign * run.step.column[j]
+        for n in range(SUM_ROWS):
+            system.sums[j, n] += factor * run.step.row[n]
+
+
+@kernel
+def start_push(which, run):
+    """Let a spring push; what holds back acts from the first push on."""
+    for i in range(run.springs.shape[0]):
+        spring = run.springs[i]
+        if i == which or (spring.holds_back and spring.is_pending):
+            spring.is_pending = 0
+            switch(spring, ON, run)
+
+
+@kernel
+def start_springs(run, release_time):
+    """Which springs push at t = 0; returns how many are to be released and how many push.
+
+    A scale of 0 is a spring that has failed: it takes no part.
+    """
+    number = 0
+    pushers = 0
+    clear_sums(run.system)
+    for i in range(run.springs.shape[0]):
+        spring = run.springs[i]
+        release_time[i] = np.nan
+        spring.is_pushing = 0
+        spring.is_pending = 0
+        if spring.scale > 0.0:
+            number += 1
+            spring.is_pending = 1
+            if spring.holds_back:
+                # Never the next push to start: it follows the first one.
+                spring.delay = np.inf
+            else:
+                pushers += 1
+    for i in range(run.springs.shape[0]):
+        if run.springs[i].is_pending and run.springs[i].delay <= 0.0:
+            start_push(i, run)
+    return number, pushers
+
+
+@inline
+def guided_forces(state, R, system, forces):
+    """Force and moments of the springs in the sums, as `spring_forces` has them; fills `forces`."""
+    d = state.d
+    for n in range(SUM_ROWS):
+        forces[n] = (
+            system.sums[0, n]
+            + system.sums[1, n] * d[0]
+            + system.sums[2, n] * d[1]
+            + system.sums[3, n] * d[2]
+            + system.sums[4, n] * R[0]
+            + system.sums[5, n] * R[1]
+            + system.sums[6, n] * R[2]
+            + system.sums[7, n] * R[3]
+            + system.sums[8, n] * R[4]
+            + system.sums[9, n] * R[5]
+            + system.sums[10, n] * R[6]
+            + system.sums[11, n] * R[7]
+            + system.sums[12, n] * R[8]
+        )
+    F = (forces[0], forces[1], forces[2])
+    # The sum of f n b^T by its rows; with those of R it gives the sum of (R b) x f n.
+    x, y, z = (forces[3], forces[4], forces[5]), (forces[6], forces[7], forces[8]), (forces[9], forces[10], forces[11])
+    u, v, w = (R[0], R[1], R[2]), (R[3], R[4], R[5]), (R[6], R[7], R[8])
+    M_2 = (dot(v, z) - dot(w, y), dot(w, x) - dot(u, z), dot(u, y) - dot(v, x))
+    return F, M_2, minus(cross(F, d), M_2)
+
+
+@inline
+def spring_forces(state, R, run):
+    """The springs' force on the satellite, its moment about the satellite's CG, and the moment on the platform.
+
+    All in platform axes.
+    """
+    system = run.system
+    F, M_2, M_1 = ZERO, ZERO, ZERO
+    if system.number_in_sums > 0:
+        F, M_2, M_1 = guided_forces(state, R, system, run.step.forces)
+    if system.number_beside > 0:
+        d = vector(state.d)
+        n_2 = (R[1], R[4], R[7])
+        for i in range(run.springs.shape[0]):
+            spring = run.springs[i]
+            if spring.is_pushing and not spring.in_sums:
+                delta = minus(plus(d, times(R, spring.satellite_seat)), spring.platform_seat)
+                s, g, point, share = contact(system, spring, delta, n_2)
+                f, _, _, _ = force(spring, run.cubics, s)
+                F_i = scaled(spring.scale * share * f, g)
+                p = plus(spring.platform_seat, point)
+                F = plus(F, F_i)
+                M_2 = plus(M_2, cross(minus(p, d), F_i))
+                M_1 = minus(M_1, cross(p, F_i))
+    return F, M_2, M_1
+
+
+@inline
+def stroke_motion(state, slope, system, spring):
+    """Stroke of a spring in a state with a slope, its rate, and its acceleration.
+
+    That is up to the terms of second order in the rates: for prediction.
+    """
+    R = rotation(state.Q)
+    delta = minus(plus(state.d, times(R, spring.satellite_seat)), spring.platform_seat)
+    s, g, point, _ = contact(system, spring, delta, (R[1], R[4], R[7]))
+    # Velocity of the satellite's material point at the contact in platform axes, with its arms from both CGs.
+    p = plus(spring.platform_seat, point)
+    arm = minus(p, state.d)
+    rate = dot(g, minus(plus(state.w, cross(times(R, state.omega_2), arm)), cross(state.omega_1, p)))
+    acceleration = dot(g, minus(plus(slope.w, cross(times(R, slope.omega_2), arm)), cross(slope.omega_1, p)))
+    return s, rate, acceleration
+
+
+@kernel
+def stroke_adjoint(state, R, spring, f, slope, run, sweep, by_state, by_spring):
+    """From the adjoints of a spring's force, contact point and stroke to those of all that they depend on.
+
+    f is its force with the scale, `slope` the derivative. That of the matrix R is added to `sweep.chain.rotation`.
+    """
+    chain = sweep.chain
+    b = vector(spring.satellite_seat)
+    delta = minus(plus(state.d, times(R, b)), spring.platform_seat)
+    contact_adjoint(run.system, spring, delta, (R[1], R[4], R[7]), f, slope, chain, sweep.constants, by_spring)
+    for n in range(LANES):
+        by_seat = lane(chain.seat, n)
+        add_lane(by_state.d, n, by_seat)
+        add_lane(by_spring.satellite_seat, n, transposed_times(R, by_seat))
+        add_product(chain.rotation, n, by_seat, b)
+        chain.rotation[1, n] += chain.plate[0, n]
+        chain.rotation[4, n] += chain.plate[1, n]
+        chain.rotation[7, n] += chain.plate[2, n]
+
+
+@kernel
+def spring_force_adjoint(state, R, i, run, sweep, by_state):
+    """Add what spring i contributes, from the adjoints of force and moments in the chain."""
+    chain, spring, by_spring = sweep.chain, run.springs[i], sweep.springs[i]
+    d = vector(state.d)
+    delta = minus(plus(d, times(R, spring.satellite_seat)), spring.platform_seat)
+    s, g, point, share = contact(run.system, spring, delta, (R[1], R[4], R[7]))
+    value, slope, by_stiffness, by_deformation = force(spring, run.cubics, s)
+    f = spring.scale * value
+    F = scaled(f * share, g)
+    p = plus(spring.platform_seat, point)
+    arm = minus(p, d)
+    for n in range(LANES):
+        by_M_2 = lane(chain.satellite_moment, n)
+        by_M_1 = lane(chain.platform_moment, n)
+        # F enters as itself, as (p - d) x F and as -p x F.
+        by_F = plus(lane(chain.force, n), minus(cross(by_M_2, arm), cross(by_M_1, p)))
+        put_lane(chain.spring_force, n, by_F)
+        put_lane(chain.point, n, cross(F, minus(by_M_2, by_M_1)))
+        chain.stroke[n] = 0.0
+        add_lane(by_state.d, n, cross(by_M_2, F))
+    stroke_adjoint(state, R, spring, f, spring.scale * slope, run, sweep, by_state, by_spring)
+    for n in range(LANES):
+        by_f = chain.size[n]
+        by_spring.scale[n] += value * by_f
+        by_spring.stiffness[n] += spring.scale * by_stiffness * by_f
+        by_spring.deformation[n] += spring.scale * by_deformation * by_f
+
+
+@kernel
+def guided_forces_adjoint(state, R, run, sweep, by_state):
+    """The same for all springs in the sums at once; their forces stand in `run.step`."""
+    chain, sums, forces = sweep.chain, run.system.sums, run.step.forces
+    product = chain.sums_product
+    d = vector(state.d)
+    F = (forces[0], forces[1], forces[2])
+    x, y, z = (forces[3], forces[4], forces[5]), (forces[6], forces[7], forces[8]), (forces[9], forces[10], forces[11])
+    u, v, w = (R[0], R[1], R[2]), (R[3], R[4], R[5]), (R[6], R[7], R[8])
+    for n in range(LANES):
+        by_M_1 = lane(chain.platform_moment, n)
+        a, b, c = minus(lane(chain.satellite_moment, n), by_M_1)
+        add_lane(by_state.d, n, cross(by_M_1, F))
+        # The adjoints of the sums of f n and of f n b^T, row by row.
+        put_lane(product, n, minus(lane(chain.force, n), cross(by_M_1, d)))
+        put_lane(product, n, minus(scaled(b, w), scaled(c, v)), 3)
+        put_lane(product, n, minus(scaled(c, u), scaled(a, w)), 6)
+        put_lane(product, n, minus(scaled(a, v), scaled(b, u)), 9)
+        add_lane(chain.rotation, n, minus(scaled(c, y), scaled(b, z)))
+        add_lane(chain.rotation, n, minus(scaled(a, z), scaled(c, x)), 3)
+        add_lane(chain.rotation, n, minus(scaled(b, x), scaled(a, y)), 6)
+    for j in range(SUM_COLUMNS):
+        factor = 1.0
+        if j > 3:
+            factor = R[j - 4]
+        elif j > 0:
+            factor = d[j - 1]
+        # The adjoint of the matrix, and for j > 0 that of d or R.
+        for m in range(SUM_ROWS):
+            for n in range(LANES):
+                sweep.constants.sums[j, m, n] += factor * product[m, n]
+        if j > 0:
+            target = by_state.d[j - 1] if j < 4 else chain.rotation[j - 4]
+            for n in range(LANES):
+                total = 0.0
+                for m in range(SUM_ROWS):
+                    total += sums[j, m] * product[m, n]
+                target[n] += total
+
+
+@inline
+def spring_forces_adjoint(state, R, run, sweep, by_state):
+    """From the adjoints of force and moments in the chain to those of the state and of all springs that push."""
+    if run.system.number_in_sums > 0:
+        guided_forces_adjoint(state, R, run, sweep, by_state)
+    if run.system.number_beside > 0:
+        for i in range(run.springs.shape[0]):
+            if run.springs[i].is_pushing and not run.springs[i].in_sums:
+                spring_force_adjoint(state, R, i, run, sweep, by_state)
+
+
+@kernel
+def collect_sums(i, sign, run, sweep):
+    """Add to the adjoints of guided spring i what that of the sums' matrix says, times `sign`.
+
+    The matrix gathers from the end of the run on: a spring takes it once with -1 at its release and once with 1 at the
+    start of its push.
+    """
+    spring, by_spring, by_sums, step = run.springs[i], sweep.springs[i], sweep.constants.sums, run.step
+    if not spring.in_sums:
+        return
+    row_and_column(spring, run.cubics, step)
+    chain, n_1, a, b = sweep.chain, spring.guide, spring.platform_seat, spring.satellite_seat
+    along = dot(n_1, a)
+    # The law is linear in the stroke, f = f_0 + f_1 s, and so are its derivatives.
+    f_0, f_1, stiffness_0, deformation_0 = force(spring, run.cubics, 0.0)
+    _, _, stiffness_1, deformation_1 = force(spring, run.cubics, 1.0)
+    f_0 *= spring.scale
+    f_1 *= spring.scale
+    stiffness_1 -= stiffness_0
+    deformation_1 -= deformation_0
+    by_f_0, by_f_1, by_row, by_column = chain.by_f_0, chain.by_f_1, chain.by_row, chain.by_column
+    for n in range(LANES):
+        by_f_0[n] = 0.0
+    for j in range(SUM_ROWS):
+        for n in range(LANES):
+            by_f_0[n] += sign * step.row[j] * by_sums[0, j, n]
+    for n in range(LANES):
+        by_f_1[n] = -along * by_f_0[n]
+    for j in range(SUM_ROWS):
+        # An entry of the row, n_1 or n_1 b^T, which stands in the column as well, times f_1.
+        for n in range(LANES):
+            by_row[n] = 0.0
+            by_column[n] = 0.0
+        for m in range(SUM_COLUMNS):
+            for n in range(LANES):
+                by_row[n] += sign * step.column[m] * by_sums[m, j, n]
+        for m in range(SUM_ROWS):
+            for n in range(LANES):
+                by_column[n] += sign * step.row[m] * by_sums[1 + j, m, n]
+        axis = j if j < 3 else (j - 3) // 3
+        arm = (j - 3) % 3
+        for n in range(LANES):
+            by_f_1[n] += step.row[j] * by_column[n]
+            by_entry = by_row[n] + f_1 * by_column[n]
+            if j < 3:
+                by_spring.guide[axis, n] += by_entry
+            else:
+                by_spring.guide[axis, n] += b[arm] * by_entry
+                by_spring.satellite_seat[arm, n] += n_1[axis] * by_entry
+    for n in range(LANES):
+        by_constant = -f_1 * by_f_0[n]
+        add_lane(by_spring.guide, n, scaled(by_constant, a))
+        add_lane(by_spring.platform_seat, n, scaled(by_constant, n_1))
+        by_spring.scale[n] += (f_0 * by_f_0[n] + f_1 * by_f_1[n]) / spring.scale
+        by_spring.stiffness[n] += spring.scale * (stiffness_0 * by_f_0[n] + stiffness_1 * by_f_1[n])
+        by_spring.deformation[n] += spring.scale * (deformation_0 * by_f_0[n] + deformation_1 * by_f_1[n])

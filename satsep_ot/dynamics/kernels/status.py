@@ -1,0 +1,40 @@
+"""How a run can end."""
+
+import enum
+
+from satsep_ot.dynamics.kernels.compilation import integers
+
+
+class Status(enum.IntEnum):
+    """How a run ended; `sentence` says it in words."""
+
+    OK = 0
+    NO_RELEASE = 1
+    NO_EXIT = 2
+    STEP_UNDERFLOW = 3
+    TOO_MANY_STEPS = 4
+    PENETRATION = 5
+    INVALID_PARAMETERS = 6
+    NO_SPRING = 7
+
+    @property
+    def sentence(self) -> str:
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    Status.OK: "the separation completed",
+    Status.NO_RELEASE: "a spring was not released within the horizon",
+    Status.NO_EXIT: "an envelope point did not leave the recess within the horizon",
+    Status.STEP_UNDERFLOW: "the step size fell below the resolution of time: the motion is too violent or not finite",
+    Status.TOO_MANY_STEPS: "the motion needed more steps than are allowed: it is too violent for the horizon",
+    Status.PENETRATION: (
+        "the bodies penetrate each other by more than 1 mm at a spring seat: by a mounting error or an impulse that "
+        "tilts them into each other, or by friction that holds more than the springs push"
+    ),
+    Status.INVALID_PARAMETERS: "a parameter is not finite or not physical",
+    Status.NO_SPRING: "every spring has failed: nothing pushes the bodies apart",
+}
+
+# For the kernels, which take plain integers as constants.
+OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PARAMETERS, NO_SPRING = integers(*Status)
