@@ -14,7 +14,7 @@ from satsep_ot.dynamics import relative_orbit
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER as MU
 from satsep_ot.dynamics.gravity import EARTH_RADIUS
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
-from satsep_ot.dynamics.relative_orbit import Recontact, closest_approaches, coast, stack_orbit
+from satsep_ot.dynamics.relative_orbit import Recontact, closest_approaches, coast
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Pivot
 
@@ -342,7 +342,7 @@ def test_the_order_of_the_method():
 @pytest.mark.parametrize("pivot", Pivot)
 def test_orbit_of_the_stack(pivot):
     separation = general_separation(pivot=pivot)
-    orbit = stack_orbit(separation)
+    orbit = separation.stack_orbit()
     if pivot == Pivot.STACK:
         np.testing.assert_allclose(orbit.position, separation.orbit.position, rtol=1e-15)
         np.testing.assert_allclose(orbit.velocity, separation.orbit.velocity, rtol=1e-15)
@@ -351,7 +351,7 @@ def test_orbit_of_the_stack(pivot):
         between = separation.satellite.center_of_mass - separation.platform.center_of_mass
         assert arm == pytest.approx(100.0 / 1300.0 * np.linalg.norm(between), rel=1e-6)
     assert orbit.j2 == separation.orbit.j2
-    assert stack_orbit(symmetric_separation(orbit=ORBITS["circular with J2"])).j2
+    assert symmetric_separation(orbit=ORBITS["circular with J2"]).stack_orbit().j2
 
 
 @pytest.mark.parametrize("ends", [(0.5, 0.5), (-0.1, 1.0), (1.0, 0.2), (0.0, 101.0), (np.nan, 1.0), (0.0, np.inf)])

@@ -31,7 +31,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import get_num_threads
@@ -43,10 +43,6 @@ from satsep_ot.dynamics.kernels.compilation import prepare
 from satsep_ot.dynamics.kernels.records import STATE_SIZE
 from satsep_ot.dynamics.kernels.vectors import rotation
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
-from satsep_ot.dynamics.rotations import rotation_matrix
-
-if TYPE_CHECKING:
-    from satsep_ot.dynamics.separation import Separation
 
 MAXIMUM_ORBITS = 100.0
 MAXIMUM_ECCENTRICITY = 0.9
@@ -248,7 +244,7 @@ def closest_approaches(
     masses : array_like, shape (n, 2)
         Of the platform and the satellite [kg].
     orbit : Orbit
-        Of O at t = 0; see `stack_orbit`.
+        Of O at t = 0; see `satsep_ot.dynamics.separation.Separation.stack_orbit`.
     window : Recontact, optional
         By default `Recontact()`.
     gradient : bool
@@ -318,7 +314,7 @@ def coast(state: np.ndarray, release_time: float, masses: ArrayLike, orbit: Orbi
     masses : array_like, shape (2,)
         Of the platform and the satellite [kg].
     orbit : Orbit
-        Of O at t = 0; see `stack_orbit`.
+        Of O at t = 0; see `satsep_ot.dynamics.separation.Separation.stack_orbit`.
     times : array_like, shape (T,)
         Since the last release [s].
 
@@ -352,25 +348,3 @@ def coast(state: np.ndarray, release_time: float, masses: ArrayLike, orbit: Orbi
     # A window without length at each time.
     angles = 2.0 * math.pi / orbit.period * times
     return _fly(states, np.full(count, float(release_time)), masses, orbit, angles, angles, False)[2][:, :COAST_SIZE]
-
-
-def stack_orbit(separation: "Separation") -> Orbit:
-    """The orbit of O, the common CG of the joined stack, at t = 0.
-
-    Parameters
-    ----------
-    separation : satsep_ot.dynamics.separation.Separation
-        With an orbit. Where that is the platform's, the nominal masses and CGs say where O is.
-
-    Returns
-    -------
-    orbit : Orbit
-    """
-    platform, satellite = separation.platform, separation.satellite
-    _, *motion = separation.platform_orbit()
-    share = satellite.mass / (platform.mass + satellite.mass)
-    arm = share * (satellite.center_of_mass - platform.center_of_mass)
-    turn = rotation_matrix(separation.attitude)
-    position = np.array(motion[:3]) + turn @ arm
-    velocity = np.array(motion[3:]) + turn @ np.cross(separation.rates, arm)
-    return Orbit(position, velocity, separation.orbit.mu, separation.orbit.j2)

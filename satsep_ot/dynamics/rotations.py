@@ -27,7 +27,7 @@ def rotation_matrix(quaternion: ArrayLike) -> np.ndarray:
     >>> print(rotation_matrix([1.0, 0.0, 0.0, 0.0]).astype(int).tolist())
     [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
     """
-    return np.array(rotation([float(component) for component in quaternion])).reshape(3, 3)
+    return np.array(rotation(np.asarray(quaternion, dtype=float).tolist())).reshape(3, 3)
 
 
 def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:
@@ -57,8 +57,8 @@ def quaternion_from_matrix(matrix: ArrayLike) -> np.ndarray:
 
 def quaternion_product(left: ArrayLike, right: ArrayLike) -> np.ndarray:
     """The quaternion product left (x) right, shape (4,): first the turn `right`, then the turn `left`."""
-    w, v = left[0], np.asarray(left[1:], dtype=float)
-    other_w, other_v = right[0], np.asarray(right[1:], dtype=float)
+    (w, *v), (other_w, *other_v) = np.asarray(left, dtype=float), np.asarray(right, dtype=float)
+    v, other_v = np.array(v), np.array(other_v)
     return np.concatenate([[w * other_w - v @ other_v], w * other_v + other_w * v + np.cross(v, other_v)])
 
 

@@ -8,7 +8,7 @@ step crosses them.
 
 import copy
 import enum
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -19,7 +19,8 @@ from satsep_ot.dynamics.orbit import Array, Orbit
 from satsep_ot.dynamics.parameter_vector import AXES, TENSOR, Parameter, Place, Sign, parameter_fields, places
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.dynamics.springs import ForceLine, Springs
+from satsep_ot.dynamics.springs import umbilical as umbilical
 
 
 class Pivot(enum.IntEnum):
@@ -106,167 +107,6 @@ def is_inertia(moments: np.ndarray) -> np.ndarray:
     """
     # The tolerance is that of a thin disc, whose moments are only known to some digits.
     return (moments[..., 0] > 0.0) & (moments[..., 0] + moments[..., 1] >= moments[..., 2] * (1.0 - 1e-9))
-
-
-@dataclass(frozen=True)
-class Springs:
-    """The separation springs; every number is an array of shape (N,), or one that holds for all.
-
-    Parameters
-    ----------
-    angle : position on the ring [rad], seat at R (cos alpha, 0, sin alpha) from the ring centre (eq. 5).
-    radius : ring radius R [m].
-    stiffness : K [N/m], positive; 0 where another law than the linear one holds.
-    deformation : initial compression xi [m], positive; 0 where another law than the linear one holds.
-    stroke : L [m], positive; a linear spring is released at min(L, xi), another one at L.
-    cant : tangential tilt of the guide [rad], towards increasing angle.
-    delay : release delay tau [s], not negative.
-    scale : factor of the force, 1 by default; 0 is a spring that has failed: it is absent. The force [N] of a FRICTION.
-    tables : for each spring None or a measured force-stroke table, shape (K, 2): stroke [m], from 0, and force [N].
-    laws : the `ForceLaw` of each spring; by default TABLE where there is a table and LINEAR elsewhere.
-
-    Raises
-    ------
-    ValueError
-        If the shapes do not fit, or a table is not a table.
-
-    Examples
-    --------
-    >>> from satsep_ot.dynamics.separation import Springs
-    >>> len(Springs(angle=[0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03))
-    4
-    """
-
-    angle: Annotated[Array, Parameter()]
-    radius: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)]
-    stiffness: Annotated[Array, Parameter(Sign.POSITIVE)]
-    deformation: Annotated[Array, Parameter(Sign.POSITIVE)]
-    stroke: Annotated[Array, Parameter(Sign.POSITIVE)]
-    cant: Annotated[Array, Parameter()] = 0.0
-    delay: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 0.0
-    scale: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 1.0
-    tables: tuple | None = None
-    laws: Array | None = None
-
-    def __post_init__(self):
-        count = np.size(self.angle)
-        for name in parameter_fields(Springs):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.ndim > 1 or (value.ndim == 1 and value.size != count) or count == 0:
-                raise ValueError(
-                    f"springs.{name} has shape {value.shape}; one number or {count} (at least 1) are allowed"
-                )
-            object.__setattr__(self, name, np.broadcast_to(value, count).copy())
-        tables = (None,) * count if self.tables is None else tuple(self.tables)
-        if len(tables) != count:
-            raise ValueError(f"springs.tables has {len(tables)} entries; one (or None) for each of {count} springs")
-        tables = tuple(
-            None if table is None else _checked_table(i, table, self.stroke[i]) for i, table in enumerate(tables)
-        )
-        default = [ForceLaw.LINEAR if table is None else ForceLaw.TABLE for table in tables]
-        laws = np.array(default if self.laws is None else self.laws, dtype=np.int64)
-        if laws.shape != (count,) or any(
-            ForceLaw(law).has_table != (tables[i] is not None) for i, law in enumerate(laws)
-        ):
-            raise ValueError(f"springs.laws = {laws.tolist()}; one law for each spring, TABLE where there is a table")
-        object.__setattr__(self, "tables", tables)
-        object.__setattr__(self, "laws", laws)
-
-    def __len__(self) -> int:
-        return self.angle.size
-
-    def law_property(self, name: str) -> np.ndarray:
-        """For which springs a property of their law is true, bool (N,); see `satsep_ot.dynamics.springs.Law`."""
-        return np.array([getattr(ForceLaw(law), name) for law in self.laws])
-
-    def parameters(self) -> np.ndarray:
-        """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector, shape (8 N,)."""
-        return np.stack([getattr(self, name) for name in parameter_fields(Springs)], axis=1).ravel()
-
-    def with_parameters(self, vector: np.ndarray) -> "Springs":
-        """The springs that have these parameters, with the same tables and laws: the inverse of `parameters`."""
-        names = parameter_fields(Springs)
-        columns = np.reshape(vector, (len(self), len(names))).T
-        return replace(self, **dict(zip(names, columns, strict=True)))
-
-    def joined(self, other: "Springs") -> "Springs":
-        """These springs and then those of `other`."""
-        names = (*parameter_fields(Springs), "laws")
-        values = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
-        return Springs(**values, tables=self.tables + other.tables)
-
-
-def _checked_table(i, table, stroke):
-    """The force-stroke table of spring i as an array, or an error that says what is wrong with it."""
-    table = np.asarray(table, dtype=float)
-    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
-        raise ValueError(
-            f"springs.tables[{i}] has shape {table.shape}; two or more rows of stroke [m] and force [N] are needed"
-        )
-    wrong = np.argwhere(~np.isfinite(table) | (table < [-np.inf, 0.0]))
-    if wrong.size:
-        row, column = wrong[0]
-        raise ValueError(
-            f"springs.tables[{i}]: {('stroke', 'force')[column]} = {table[row, column]} in row {row}; finite strokes "
-            "and forces that are finite and not negative are allowed"
-        )
-    back = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
-    if back.size:
-        k = back[0]
-        raise ValueError(
-            f"springs.tables[{i}]: stroke {table[k + 1, 0]} m follows {table[k, 0]} m; ascending strokes are allowed"
-        )
-    if table[0, 0] > 0.0 or table[-1, 0] < stroke:
-        raise ValueError(
-            f"springs.tables[{i}] goes from {table[0, 0]} to {table[-1, 0]} m; it must cover 0 to {stroke} m"
-        )
-    return table
-
-
-def umbilical(
-    angle: float, radius: float, stiffness: float, deformation: float, stroke: float, friction: float, engagement: float
-) -> Springs:
-    """An umbilical connector as two springs: its short, off-centre push, and the friction of its pins.
-
-    Parameters
-    ----------
-    angle, radius : float
-        Where it sits on the plane of the ring [rad, m].
-    stiffness, deformation, stroke : float
-        Of its spring [N/m, m, m].
-    friction : float
-        Force of the pins [N], not negative. It holds the bodies back while the pins are engaged, from the first push
-        of any spring on (sliding friction, Coulomb's law; the bodies do not slide before that).
-    engagement : float
-        Stroke at which the pins leave the socket [m].
-
-    Returns
-    -------
-    springs : Springs
-        To be joined to the separation springs.
-
-    Raises
-    ------
-    ValueError
-        If the friction is negative.
-
-    Examples
-    --------
-    >>> from satsep_ot.dynamics.separation import umbilical
-    >>> len(umbilical(0.0, 0.25, 2000.0, 0.008, 0.006, friction=15.0, engagement=0.005))
-    2
-    """
-    if not 0.0 <= friction < np.inf:
-        raise ValueError(f"friction = {friction} N; a force that is not negative is allowed")
-    return Springs(
-        [angle, angle],
-        radius,
-        [stiffness, 0.0],
-        [deformation, 0.0],
-        [stroke, engagement],
-        scale=[1.0, friction],
-        laws=[ForceLaw.LINEAR, ForceLaw.FRICTION],
-    )
 
 
 @dataclass(frozen=True)
@@ -505,6 +345,19 @@ class Separation:
             return np.empty((0, 3))
         y = self.envelope[:, 1] + self.stowed_length  # a strut's satellite stands that much above the ring plane
         return self.envelope[(y >= 0.0) & (y < self.recess_depth)]
+
+    def stack_orbit(self) -> Orbit:
+        """The orbit of O, the common CG of the joined stack, at t = 0; only where there is an orbit.
+
+        Where that is the platform's, the nominal masses and CGs say where O is.
+        """
+        _, *motion = self.platform_orbit()
+        share = self.satellite.mass / (self.platform.mass + self.satellite.mass)
+        arm = share * (self.satellite.center_of_mass - self.platform.center_of_mass)
+        turn = rotation_matrix(self.attitude)
+        position = np.array(motion[:3]) + turn @ arm
+        velocity = np.array(motion[3:]) + turn @ np.cross(self.rates, arm)
+        return Orbit(position, velocity, self.orbit.mu, self.orbit.j2)
 
     def platform_orbit(self) -> np.ndarray:
         """mu, ECI position and velocity of the platform's CG at t = 0, shape (7,)."""

@@ -26,10 +26,9 @@ from satsep_ot.dynamics.kernels.records import (
     STATE,
     STATE_SIZE,
     Buffers,
-    memory,
 )
 from satsep_ot.dynamics.quantities import STATE_FIELDS, base_fields, quantity_table
-from satsep_ot.dynamics.relative_orbit import closest_approaches, stack_orbit
+from satsep_ot.dynamics.relative_orbit import closest_approaches
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
 from satsep_ot.dynamics.springs import spring_records
@@ -46,23 +45,23 @@ def _buffers(separation, slots):
     spring_number, point_number, plane_number = len(separation.springs), len(points), len(planes)
     springs, cubics = spring_records(separation.springs, separation.force_line)
     buffers = Buffers(
-        systems=memory(slots, records.SYSTEM),
-        springs=memory((slots, spring_number), records.SPRING),
+        systems=np.zeros(slots, records.SYSTEM),
+        springs=np.zeros((slots, spring_number), records.SPRING),
         cubics=cubics,
-        points=memory((slots, point_number), records.POINT),
-        planes=memory((slots, plane_number), records.PLANE),
-        tapes=memory((slots, MAXIMUM_STEPS + 1), records.TAPE),
-        steps=memory(1, records.STEP),
-        progress=memory(1, records.PROGRESS),
-        parameters=memory(1, records.PARAMETERS),
-        spring_parameters=memory(spring_number, records.SPRING_PARAMETERS),
+        points=np.zeros((slots, point_number), records.POINT),
+        planes=np.zeros((slots, plane_number), records.PLANE),
+        tapes=np.zeros((slots, MAXIMUM_STEPS + 1), records.TAPE),
+        steps=np.zeros(1, records.STEP),
+        progress=np.zeros(1, records.PROGRESS),
+        parameters=np.zeros(1, records.PARAMETERS),
+        spring_parameters=np.zeros(spring_number, records.SPRING_PARAMETERS),
         offsets=np.empty(plane_number),
-        gradients=memory(LANES, records.PARAMETERS),
-        spring_gradients=memory((LANES, spring_number), records.SPRING_PARAMETERS),
+        gradients=np.zeros(LANES, records.PARAMETERS),
+        spring_gradients=np.zeros((LANES, spring_number), records.SPRING_PARAMETERS),
         offset_gradients=np.empty((LANES, plane_number)),
-        chains=memory(1, records.CHAIN_ADJOINT),
-        constants=memory(1, records.CONSTANTS_ADJOINT),
-        spring_adjoints=memory(spring_number, records.SPRING_ADJOINT),
+        chains=np.zeros(1, records.CHAIN_ADJOINT),
+        constants=np.zeros(1, records.CONSTANTS_ADJOINT),
+        spring_adjoints=np.zeros(spring_number, records.SPRING_ADJOINT),
         offset_adjoints=np.empty((plane_number, LANES)),
     )
     buffers.systems["force_line"] = separation.force_line
@@ -245,7 +244,7 @@ def simulate_with_gradients(
     if recontact:
         wanted = wanted.union(COAST_FIELDS) - {"recontact_distance"}
     swept = [column for column, field in enumerate(fields) if field in wanted]
-    outputs = memory(-(-len(swept) // LANES) * LANES, records.OUTPUT)
+    outputs = np.zeros(-(-len(swept) // LANES) * LANES, records.OUTPUT)
     outputs["kind"] = NO_OUTPUT
     for output, column in zip(outputs, swept, strict=False):
         output["kind"], output["index"] = _output(column)
@@ -273,12 +272,12 @@ def _coast(separation, parameters, base, gradient=False):
     """Smallest distance in the window of re-contact, its time, and its gradient; see `relative_orbit`."""
     with np.errstate(over="ignore", invalid="ignore"):
         return closest_approaches(
-            base[:, :STATE_SIZE], base[:, STATE_SIZE], parameters[:, [PLATFORM, SATELLITE]], stack_orbit(separation),
+            base[:, :STATE_SIZE], base[:, STATE_SIZE], parameters[:, [PLATFORM, SATELLITE]], separation.stack_orbit(),
             separation.recontact, gradient,
         )  # fmt: skip
 
 
-_NO_OUTPUTS = memory(0, records.OUTPUT)
+_NO_OUTPUTS = np.zeros(0, records.OUTPUT)
 
 
 def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
@@ -288,10 +287,10 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
     common = (
         separation.platform_orbit(), separation.attitude, float(separation.horizon), check_tolerance(tolerance), stops
     )  # fmt: skip
-    results, exit_clearances = memory(n, records.RESULT), np.empty((n, point_number))
+    results, exit_clearances = np.zeros(n, records.RESULT), np.empty((n, point_number))
     release_times = np.full((n, len(separation.springs)), np.nan)
     status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    states = memory((n, len(stops)), STATE)
+    states = np.zeros((n, len(stops)), STATE)
     gradients = np.full((n, len(outputs), rows.shape[1]), np.nan)
     sweeping = len(outputs) > 0
 

@@ -1,31 +1,192 @@
-"""The springs of a separation for its kernels, and for accounts of one run in Python.
+"""The springs of a separation, and what the kernels take of them.
 
 Force laws are rows of `satsep_ot.dynamics.kernels.force_laws`, force lines of `satsep_ot.dynamics.kernels.force_lines`.
 """
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from satsep_ot.dynamics.kernels.force_laws import ForceLaw, Law
-from satsep_ot.dynamics.kernels.force_lines import ForceLine, Line
-from satsep_ot.dynamics.kernels.records import CUBIC, SPRING, memory
+from satsep_ot.dynamics.kernels.force_laws import ForceLaw as ForceLaw
+from satsep_ot.dynamics.kernels.force_laws import Law as Law
+from satsep_ot.dynamics.kernels.force_lines import ForceLine as ForceLine
+from satsep_ot.dynamics.kernels.force_lines import Line as Line
+from satsep_ot.dynamics.kernels.records import CUBIC, SPRING
+from satsep_ot.dynamics.orbit import Array
+from satsep_ot.dynamics.parameter_vector import Parameter, Sign, parameter_fields
 
-if TYPE_CHECKING:
-    from satsep_ot.dynamics.separation import Springs
 
-__all__ = ["ForceLaw", "ForceLine", "Law", "Line", "force_of", "spring_records", "table_cubics"]
+@dataclass(frozen=True)
+class Springs:
+    """The separation springs; every number is an array of shape (N,), or one that holds for all.
+
+    Parameters
+    ----------
+    angle : position on the ring [rad], seat at R (cos alpha, 0, sin alpha) from the ring centre (eq. 5).
+    radius : ring radius R [m].
+    stiffness : K [N/m], positive; 0 where another law than the linear one holds.
+    deformation : initial compression xi [m], positive; 0 where another law than the linear one holds.
+    stroke : L [m], positive; a linear spring is released at min(L, xi), another one at L.
+    cant : tangential tilt of the guide [rad], towards increasing angle.
+    delay : release delay tau [s], not negative.
+    scale : factor of the force, 1 by default; 0 is a spring that has failed: it is absent. The force [N] of a FRICTION.
+    tables : for each spring None or a measured force-stroke table, shape (K, 2): stroke [m], from 0, and force [N].
+    laws : the `ForceLaw` of each spring; by default TABLE where there is a table and LINEAR elsewhere.
+
+    Raises
+    ------
+    ValueError
+        If the shapes do not fit, or a table is not a table.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import Springs
+    >>> len(Springs(angle=[0.8, 2.4, 3.9, 5.5], radius=0.3, stiffness=5500.0, deformation=0.04, stroke=0.03))
+    4
+    """
+
+    angle: Annotated[Array, Parameter()]
+    radius: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)]
+    stiffness: Annotated[Array, Parameter(Sign.POSITIVE)]
+    deformation: Annotated[Array, Parameter(Sign.POSITIVE)]
+    stroke: Annotated[Array, Parameter(Sign.POSITIVE)]
+    cant: Annotated[Array, Parameter()] = 0.0
+    delay: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 0.0
+    scale: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 1.0
+    tables: tuple | None = None
+    laws: Array | None = None
+
+    def __post_init__(self):
+        count = np.size(self.angle)
+        for name in parameter_fields(Springs):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if value.ndim > 1 or (value.ndim == 1 and value.size != count) or count == 0:
+                raise ValueError(
+                    f"springs.{name} has shape {value.shape}; one number or {count} (at least 1) are allowed"
+                )
+            object.__setattr__(self, name, np.broadcast_to(value, count).copy())
+        tables = (None,) * count if self.tables is None else tuple(self.tables)
+        if len(tables) != count:
+            raise ValueError(f"springs.tables has {len(tables)} entries; one (or None) for each of {count} springs")
+        tables = tuple(
+            None if table is None else _checked_table(i, table, self.stroke[i]) for i, table in enumerate(tables)
+        )
+        default = [ForceLaw.LINEAR if table is None else ForceLaw.TABLE for table in tables]
+        laws = np.array(default if self.laws is None else self.laws, dtype=np.int64)
+        if laws.shape != (count,) or any(
+            ForceLaw(law).has_table != (tables[i] is not None) for i, law in enumerate(laws)
+        ):
+            raise ValueError(f"springs.laws = {laws.tolist()}; one law for each spring, TABLE where there is a table")
+        object.__setattr__(self, "tables", tables)
+        object.__setattr__(self, "laws", laws)
+
+    def __len__(self) -> int:
+        return self.angle.size
+
+    def law_property(self, name: str) -> np.ndarray:
+        """For which springs a property of their law is true, bool (N,); see `satsep_ot.dynamics.springs.Law`."""
+        return np.array([getattr(ForceLaw(law), name) for law in self.laws])
+
+    def parameters(self) -> np.ndarray:
+        """Eight numbers a spring, spring by spring, as they stand in the flat parameter vector, shape (8 N,)."""
+        return np.stack([getattr(self, name) for name in parameter_fields(Springs)], axis=1).ravel()
+
+    def with_parameters(self, vector: np.ndarray) -> "Springs":
+        """The springs that have these parameters, with the same tables and laws: the inverse of `parameters`."""
+        names = parameter_fields(Springs)
+        columns = np.reshape(vector, (len(self), len(names))).T
+        return replace(self, **dict(zip(names, columns, strict=True)))
+
+    def joined(self, other: "Springs") -> "Springs":
+        """These springs and then those of `other`."""
+        names = (*parameter_fields(Springs), "laws")
+        values = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
+        return Springs(**values, tables=self.tables + other.tables)
 
 
-def table_cubics(tables: Sequence[ArrayLike | None]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _checked_table(i, table, stroke):
+    """The force-stroke table of spring i as an array, or an error that says what is wrong with it."""
+    table = np.asarray(table, dtype=float)
+    if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
+        raise ValueError(
+            f"springs.tables[{i}] has shape {table.shape}; two or more rows of stroke [m] and force [N] are needed"
+        )
+    wrong = np.argwhere(~np.isfinite(table) | (table < [-np.inf, 0.0]))
+    if wrong.size:
+        row, column = wrong[0]
+        raise ValueError(
+            f"springs.tables[{i}]: {('stroke', 'force')[column]} = {table[row, column]} in row {row}; finite strokes "
+            "and forces that are finite and not negative are allowed"
+        )
+    back = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
+    if back.size:
+        k = back[0]
+        raise ValueError(
+            f"springs.tables[{i}]: stroke {table[k + 1, 0]} m follows {table[k, 0]} m; ascending strokes are allowed"
+        )
+    if table[0, 0] > 0.0 or table[-1, 0] < stroke:
+        raise ValueError(
+            f"springs.tables[{i}] goes from {table[0, 0]} to {table[-1, 0]} m; it must cover 0 to {stroke} m"
+        )
+    return table
+
+
+def umbilical(
+    angle: float, radius: float, stiffness: float, deformation: float, stroke: float, friction: float, engagement: float
+) -> Springs:
+    """An umbilical connector as two springs: its short, off-centre push, and the friction of its pins.
+
+    Parameters
+    ----------
+    angle, radius : float
+        Where it sits on the plane of the ring [rad, m].
+    stiffness, deformation, stroke : float
+        Of its spring [N/m, m, m].
+    friction : float
+        Force of the pins [N], not negative. It holds the bodies back while the pins are engaged, from the first push
+        of any spring on (sliding friction, Coulomb's law; the bodies do not slide before that).
+    engagement : float
+        Stroke at which the pins leave the socket [m].
+
+    Returns
+    -------
+    springs : Springs
+        To be joined to the separation springs.
+
+    Raises
+    ------
+    ValueError
+        If the friction is negative.
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.separation import umbilical
+    >>> len(umbilical(0.0, 0.25, 2000.0, 0.008, 0.006, friction=15.0, engagement=0.005))
+    2
+    """
+    if not 0.0 <= friction < np.inf:
+        raise ValueError(f"friction = {friction} N; a force that is not negative is allowed")
+    return Springs(
+        [angle, angle],
+        radius,
+        [stiffness, 0.0],
+        [deformation, 0.0],
+        [stroke, engagement],
+        scale=[1.0, friction],
+        laws=[ForceLaw.LINEAR, ForceLaw.FRICTION],
+    )
+
+
+def table_cubics(tables: Sequence[np.ndarray | None]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Force-stroke tables as piecewise cubics for the kernels.
 
     Parameters
     ----------
-    tables : sequence of (array_like of shape (K, 2) or None)
+    tables : sequence of (ndarray of shape (K, 2) or None)
         Rows of stroke [m] and force [N] for each spring, strokes strictly ascending.
 
     Returns
@@ -37,21 +198,21 @@ def table_cubics(tables: Sequence[ArrayLike | None]) -> tuple[np.ndarray, np.nda
     """
     number = np.array([0 if table is None else len(table) - 1 for table in tables])
     first = np.concatenate([[0], np.cumsum(number)[:-1]]).astype(np.int64)
-    cubics = memory(int(number.sum()), CUBIC)
+    cubics = np.zeros(int(number.sum()), CUBIC)
     for start, count, table in zip(first, number, tables, strict=True):
         if table is not None:
-            pieces = PchipInterpolator(*np.asarray(table, dtype=float).T)
+            pieces = PchipInterpolator(*table.T)
             cubics["start"][start : start + count] = pieces.x[:-1]
             cubics["coefficients"][start : start + count] = pieces.c[::-1].T
     return cubics, first, number
 
 
-def spring_records(springs: "Springs", force_line: ForceLine) -> tuple[np.ndarray, np.ndarray]:
+def spring_records(springs: Springs, force_line: ForceLine) -> tuple[np.ndarray, np.ndarray]:
     """The springs as the kernels take them, without what the parameters of a run say.
 
     Parameters
     ----------
-    springs : satsep_ot.dynamics.separation.Springs
+    springs : Springs
     force_line : ForceLine
 
     Returns
@@ -60,7 +221,7 @@ def spring_records(springs: "Springs", force_line: ForceLine) -> tuple[np.ndarra
     cubics : ndarray of records CUBIC
         Of all tables.
     """
-    result = memory(len(springs), SPRING)
+    result = np.zeros(len(springs), SPRING)
     cubics, result["first_cubic"], result["cubic_number"] = table_cubics(springs.tables)
     for name in ("stiffness", "deformation", "scale"):
         result[name] = getattr(springs, name)
@@ -71,7 +232,7 @@ def spring_records(springs: "Springs", force_line: ForceLine) -> tuple[np.ndarra
     return result, cubics
 
 
-def force_of(springs: "Springs", i: int, strokes: ArrayLike) -> np.ndarray:
+def force_of(springs: Springs, i: int | np.integer, strokes: ArrayLike) -> np.ndarray:
     """The force of spring i [N] at some strokes [m], with its scale, as its law says it."""
     records, cubics = spring_records(springs, ForceLine.GUIDED)
     law = ForceLaw(springs.laws[i]).function

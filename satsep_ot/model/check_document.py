@@ -66,7 +66,7 @@ def check_case(case: Case) -> CheckedCase:
         int(outcome.status[0]) == Status.OK,
         outcome.explain(0),
         {
-            name: (float(quantity.value(outcome.base)[0]), quantity)
+            name: (float(outcome.quantity(name)[0]), quantity)
             for name, quantity in quantity_table(case.separation).items()
         },
         requirement_scatter(case),

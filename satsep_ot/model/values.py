@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from satsep_ot.dynamics.parameter_vector import LARGEST, Sign
+from satsep_ot.dynamics.kernels.records import LARGEST
+from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles
 from satsep_ot.model.distributions import distribution_names
 

@@ -9,8 +9,9 @@ import numpy as np
 
 import satsep_ot
 from satsep_ot.dynamics.gravity import EARTH_RADIUS
+from satsep_ot.dynamics.kernels.coast import oblateness_difference
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
-from satsep_ot.dynamics.relative_orbit import Recontact, closest_approaches, oblateness_difference
+from satsep_ot.dynamics.relative_orbit import Recontact, closest_approaches
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.simulation import trajectory
 from satsep_ot.model.case import load_case
@@ -31,7 +32,7 @@ def main():
     for orbit in orbits:
         ob = 1.5 * EARTH_J2 * orbit.mu * EARTH_RADIUS**2
         # The stack is fixed in inertial axes during the push, so every direction of d is met as the orbit turns.
-        course = np.array([oblateness_difference.py_func(ob, *orbit.position, *d) for d in distances])
+        course = np.array([oblateness_difference(ob, orbit.position, d) for d in distances])
         accelerations.append(np.linalg.norm(course, axis=1).max())
         velocities.append(np.linalg.norm(np.trapezoid(course, times, axis=0)))
     print(f"satsep-ot {satsep_ot.__version__}, numpy {np.__version__}; reference case, push of {1e3 * end:.1f} ms")

@@ -82,7 +82,7 @@ EQUIVALENT = {
         "lower, upper = (lower, middle) if variation(middle) < 2.5 else (middle, upper)",
     ): "they differ where rounding decides anyhow",
     (
-        "dynamics/relative_orbit.py",
+        "dynamics/kernels/coast.py",
         "if square < smallest:",
         "if square <= smallest:",
     ): "of two places that are equally near, either is the answer",
@@ -347,9 +347,6 @@ def in_child(folder, job, patience):
 
 
 def run_tests(files, plugin, *options):
-    # The function behind a compiled one, where nothing is compiled.
-    elements = importlib.import_module("satsep_ot.dynamics.rotations").rotation_matrix_elements
-    elements.py_func = elements
     # Plain Python warns of the divisions by zero that compiled code makes without a word.
     common = [
         "-q",

@@ -150,7 +150,7 @@ def _of_all_lanes(adjoint):
             by_f, by_delta, by_n_1, by_n_2, by_l_0, by_mu = adjoint(
                 delta, n_1, n_2, l_0, mu, f, slope, lane(chain.spring_force, n), by_point, chain.stroke[n]
             )
-            chain.size[n] = by_f
+            chain.spring_size[n] = by_f
             put_lane(chain.seat, n, by_delta)
             put_lane(chain.plate, n, by_n_2)
             add_lane(by_spring.platform_seat, n, minus(by_point, by_delta))
@@ -168,7 +168,7 @@ _contact_adjoint = choice([_of_all_lanes(line.adjoint) for line in ForceLine])
 def contact_adjoint(system, spring, delta, n_2, f, slope, chain, constants, by_spring):
     """From the adjoints of a spring's force, contact point and stroke in `chain` to all that they depend on.
 
-    f is the spring's force with its scale and `slope` its derivative. Those of f, of delta and of n_2 go to `size`,
-    `seat` and `plate` of the chain; the others are added to the constants and to those of the spring.
+    f is the spring's force with its scale and `slope` its derivative. Those of f, of delta and of n_2 go to
+    `spring_size`, `seat` and `plate` of the chain; the others are added to the constants and to those of the spring.
     """
     _contact_adjoint(system.force_line, system, spring, delta, n_2, f, slope, chain, constants, by_spring)

@@ -16,29 +16,37 @@ NUMBER, INTEGER = np.float64, np.int64
 VECTOR, MATRIX = (NUMBER, 3), (NUMBER, 9)
 
 
+class Record(np.void):
+    """An element of an array of records: in Python too its fields are attributes, as in compiled code."""
+
+    def __getattr__(self, name):
+        if name not in self.dtype.names:
+            raise AttributeError(name)
+        return self[name]
+
+    def __setattr__(self, name, value):
+        self[name] = value
+
+
 def record(*fields: tuple) -> np.dtype:
     """A record type of these fields: name, type and, for an array, its shape."""
-    return np.dtype(list(fields), align=True)
-
-
-def memory(shape: int | tuple[int, ...], dtype: np.dtype) -> np.ndarray:
-    """An array of records, all zero; their fields are attributes in Python as in compiled code."""
-    return np.zeros(shape, np.dtype((np.record, dtype)))
+    taken = [name for name, *_ in fields if hasattr(np.void, name)]
+    if taken:
+        raise ValueError(f"{taken} are attributes of every number of numpy; other names of fields are allowed")
+    return np.dtype((Record, np.dtype(list(fields), align=True)))
 
 
 def named(*fields: tuple, lanes: tuple = ()) -> np.dtype:
     """A record type whose numbers (or rows of lanes) also stand in one field `x`, one after the other."""
     parts = record(*fields)
     size = parts.itemsize // np.dtype((NUMBER, lanes)).itemsize
-    return np.dtype(
-        {
-            "names": ["x", *parts.names],
-            "formats": [(NUMBER, (size, *lanes)), *(parts[name] for name in parts.names)],
-            "offsets": [0, *(parts.fields[name][1] for name in parts.names)],
-            "itemsize": parts.itemsize,
-        },
-        align=True,
-    )
+    union = {
+        "names": ["x", *parts.names],
+        "formats": [(NUMBER, (size, *lanes)), *(parts[name] for name in parts.names)],
+        "offsets": [0, *(parts.fields[name][1] for name in parts.names)],
+        "itemsize": parts.itemsize,
+    }
+    return np.dtype((Record, np.dtype(union, align=True)))
 
 
 def _state(*lanes):
@@ -309,7 +317,7 @@ CHAIN_ADJOINT = record(
     ("spring_force", *_VECTOR_LANES),
     ("point", *_VECTOR_LANES),
     ("stroke", NUMBER, _LANE),
-    ("size", NUMBER, _LANE),
+    ("spring_size", NUMBER, _LANE),
     ("seat", *_VECTOR_LANES),
     ("plate", *_VECTOR_LANES),
     ("direction", *_VECTOR_LANES),  # to the Earth

@@ -235,7 +235,7 @@ def spring_force_adjoint(state, R, i, run, sweep, by_state):
         add_lane(by_state.d, n, cross(by_M_2, F))
     stroke_adjoint(state, R, spring, f, spring.scale * slope, run, sweep, by_state, by_spring)
     for n in range(LANES):
-        by_f = chain.size[n]
+        by_f = chain.spring_size[n]
         by_spring.scale[n] += value * by_f
         by_spring.stiffness[n] += spring.scale * by_stiffness * by_f
         by_spring.deformation[n] += spring.scale * by_deformation * by_f

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from satsep_ot.dynamics.relative_orbit import check_orbit, stack_orbit
+from satsep_ot.dynamics.relative_orbit import check_orbit
 from satsep_ot.dynamics.separation import Body, Separation, is_inertia
 from satsep_ot.model.parameters import BODIES, TABLES, parameter_rows
 from satsep_ot.model.reading.orbit import read_orbit, read_recontact
@@ -65,7 +65,7 @@ def read_separation(top: Table, files: dict[str, str]) -> Separation:
         )
         if recontact is not None:
             # The CG of the stack may be on another orbit than the platform's.
-            check_orbit(stack_orbit(separation))
+            check_orbit(separation.stack_orbit())
     except CaseError:
         raise
     except ValueError as error:
