@@ -242,14 +242,30 @@ def test_the_page_on_benchmarks_names_every_script():
     assert [path.name for path in (ROOT / "tests" / "benchmarks").glob("*.py") if path.name not in text] == []
 
 
+def assert_same_estimate(found, shown):
+    """Two rows (probability, lower and upper bound, runs) of the same estimate on machines that round differently.
+
+    Rounding decides where the next runs go, so that the two are as far from each other as two seeds may be.
+    """
+    (p, lower, upper, runs), (shown_p, shown_lower, shown_upper, shown_runs) = found, shown
+    # Three standard deviations of the difference.
+    assert abs(p - shown_p) < 3.0 / 1.96 * 0.5 * np.hypot(upper - lower, shown_upper - shown_lower)
+    assert upper / lower == pytest.approx(shown_upper / shown_lower, rel=0.05)
+    assert runs == pytest.approx(shown_runs, rel=0.2)
+
+
 def test_the_script_of_the_readme_prints_what_the_readme_says(capsys):
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     exec(compile(python_blocks(ROOT / "README.md")[0], "README.md", "exec"), {})
-    numbers = [
-        [float(number) for number in re.findall(r"[\d.]+(?:e-\d+)?(?=[,\]])", line)]
-        for line in (capsys.readouterr().out, re.search(r"ActiveSubspaceReliabilityResult\(.*\)", text)[0])
-    ]
-    np.testing.assert_allclose(*numbers, rtol=1e-3)
+    number = r"([\d.]+(?:e-\d+)?)"
+    pattern = re.compile(
+        rf"ActiveSubspaceReliabilityResult\(probability={number}, interval=\[{number}, {number}\], "
+        r"evaluations=(\d+), converged=True\)\n"
+    )
+    found, shown = (
+        [float(entry) for entry in pattern.search(part).groups()] for part in (capsys.readouterr().out, text)
+    )
+    assert_same_estimate(found, shown)
 
 
 def test_what_is_said_of_ten_studies_is_what_they_gave(capsys):
@@ -295,5 +311,6 @@ def test_the_screen_of_the_readme_is_what_a_study_prints():
         for row in study.getResult().rows
         if row.method == "ActiveSubspace"
     ]
-    expected = [tuple(float(number.replace(",", "")) for number in row) for row in shown]
-    np.testing.assert_allclose(rows, expected, rtol=5e-3)
+    assert len(rows) == len(shown) == 5
+    for row, numbers in zip(rows, shown, strict=True):
+        assert_same_estimate(row, [float(number.replace(",", "")) for number in numbers])
