@@ -19,7 +19,7 @@ from satsep_ot.model.separation_problem import SeparationProblem
 ot.RandomGenerator.SetSeed(1)
 problem = SeparationProblem("reference")
 distribution = problem.getDistribution()
-names = [label.split(" [")[0] for label in distribution.getDescription()]
+names = problem.getInputNames()
 springs = [names.index(f"stiffness_{k}") for k in (1, 2, 3, 4)]
 measured = ["axial_velocity", "rate_x", "rate_y", "rate_z"]
 function = ot.Function(SeparationFunction("reference", quantities=measured))

@@ -16,7 +16,7 @@ from satsep_ot.model.separation_problem import SeparationProblem
 
 ot.RandomGenerator.SetSeed(0)
 problem = SeparationProblem("reference")
-names = [name.split(" [")[0] for name in problem.getDistribution().getDescription()]
+names = problem.getInputNames()
 marginals = [problem.getDistribution().getMarginal(index) for index in range(len(names))]
 
 # Twenty weighings of satellites of the series [kg], as a kernel density.

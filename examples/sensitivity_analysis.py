@@ -16,7 +16,7 @@ ot.RandomGenerator.SetSeed(0)
 problem = SeparationProblem("reference")
 distribution = problem.getDistribution()
 clearance = ot.Function(SeparationFunction("reference", quantities=["clearance"]))
-names = [label.split(" [")[0] for label in distribution.getDescription()]
+names = problem.getInputNames()
 
 experiment = ot.SobolIndicesExperiment(distribution, 1000)
 inputs = experiment.generate()

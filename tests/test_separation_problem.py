@@ -45,6 +45,12 @@ def event_rows(event, x):
     return np.array([event.getOperator().compare(value, event.getThreshold()) for value in values])
 
 
+def test_names_and_units_are_those_of_the_description():
+    problem = SeparationProblem("reference")
+    pairs = zip(problem.getInputNames(), problem.getInputUnits(), strict=True)
+    assert [f"{name} [{unit}]" for name, unit in pairs] == list(problem.getDistribution().getDescription())
+
+
 def test_what_a_problem_holds(problem):
     assert problem.getRequirementNames() == NAMES
     assert [requirement.name for requirement in problem.getRequirements()] == NAMES

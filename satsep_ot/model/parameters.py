@@ -281,12 +281,12 @@ INPUT = CaseTable("inputs", "An uncertain input.", (
         "any univariate OpenTURNS distribution by name, with its parameters as further keys, named as "
         "`getParameterDescription` names them (a shift `gamma` is 0 by default)", ABSENT),
     Row("mean", Number(), "with the first three, where it is not the nominal value", ABSENT, "nominal value"),
-    Row("description", Text(), "free text", ABSENT, "that of the quantity"),
+    Row("description", Text(), "free text", ABSENT, "description of the quantity"),
     # The distribution's parameters, sigma among them, are further keys.
 ), conditions={"anyOf": [{"required": ["distribution"]}, _one_of(SCATTER_KEYS[:3])]})
 
 CORRELATION = CaseTable("correlation", "Inputs that are correlated with each other, all pairs by the same number.", (
-    Row("inputs", Names(), "names of at least two inputs; that of an entry with `.each` stands for all springs"),
+    Row("inputs", Names(), "names of at least two inputs; an entry with `.each` stands for all its springs"),
     Row("coefficient", Number(below=1.0),
         "the parameter of the normal copula, which for Normal inputs is their linear correlation", ABSENT),
     Row("rank", Number(below=1.0), "instead: Spearman's rank correlation", ABSENT),

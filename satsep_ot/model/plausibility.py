@@ -95,15 +95,15 @@ def plausibility_warnings(case: Case) -> list[str]:
     springs: their energy of 1.65e+04 J gives 18.9 m/s; separations have 0.02 to 5 m/s (N/m and mm?)
     """
     return [
-        *_of_the_push(case.separation),
-        *_of_the_sizes(case.separation),
-        *_of_the_bodies(case.separation),
-        *_of_the_arrangement(case.separation),
-        *_of_the_orbit(case.separation),
-        *_of_the_inputs(case),
-        *_of_runs(case),
-        *_of_the_requirements(case),
-        *_of_the_walls(case),
+        *_push_warnings(case.separation),
+        *_size_warnings(case.separation),
+        *_body_warnings(case.separation),
+        *_arrangement_warnings(case.separation),
+        *_orbit_warnings(case.separation),
+        *_input_warnings(case),
+        *_run_warnings(case),
+        *_requirement_warnings(case),
+        *_wall_warnings(case),
     ]
 
 
@@ -157,7 +157,7 @@ def requirement_scatter(case: Case) -> list[RequirementScatter]:
     return rows
 
 
-def _of_the_push(separation):
+def _push_warnings(separation):
     energy = push_energy(separation)
     speed = push_velocity(separation)
     if not _SLOWEST <= speed <= _FASTEST:
@@ -177,7 +177,7 @@ def _of_the_push(separation):
             yield f"initial rate about {axis}: {rate:.4g} deg/s is {abs(rate) / 6.0:.3g} rpm (deg/s?)"
 
 
-def _of_the_sizes(separation):
+def _size_warnings(separation):
     """Lengths and stiffnesses that are far from those of any separation; 0 is left out, there is no such thing then."""
     unused = separation.unused_parameters()
     values: dict[str, list[float]] = {}
@@ -201,7 +201,7 @@ def _unusual(what, values, unit, smallest, largest):
         yield f"{what} of {values.max():.3g} {unit.name}; {usual} ({unit.name}?)"
 
 
-def _of_the_bodies(separation):
+def _body_warnings(separation):
     ring = float(np.max(separation.springs.radius))
     for name in BODIES:
         body = getattr(separation, name)
@@ -230,7 +230,7 @@ def _of_the_bodies(separation):
             yield f"{name}: its centre of mass is {1e3 * offset:.3g} mm off the axis, outside of the spring ring (mm?)"
 
 
-def _of_the_arrangement(separation):
+def _arrangement_warnings(separation):
     """Bodies on the wrong side of the springs, exchanged bodies, and springs away from what they push."""
     platform, satellite = separation.platform, separation.satellite
     # Of a body that stands on its ring the centre of mass is above it by 1.2 (cube) to 1.7 (rod) times the radius of
@@ -269,7 +269,7 @@ def _gyration(body):
     return math.sqrt(np.linalg.eigvalsh(body.inertia)[-1] / body.mass)
 
 
-def _of_the_orbit(separation):
+def _orbit_warnings(separation):
     orbit = separation.orbit
     if orbit is None or not math.isclose(orbit.mu, EARTH_GRAVITATIONAL_PARAMETER, rel_tol=0.01):
         return
@@ -283,8 +283,8 @@ def _of_the_orbit(separation):
         )
 
 
-def _of_the_walls(case):
-    """A nominal run through a wall, which no requirement tells of."""
+def _wall_warnings(case):
+    """A nominal run through a wall where no requirement limits the clearance."""
     table = quantity_table(case.separation)
     if "clearance" not in table or any(entry.quantity == "clearance" for entry in case.requirements):
         return
@@ -296,7 +296,7 @@ def _of_the_walls(case):
         )
 
 
-def _of_the_inputs(case):
+def _input_warnings(case):
     rows = {f"{table.name}.{row.key}": row for table, row in parameter_rows()}
     places = {place.name: place for place in case.separation.parameter_places()}
     for entry in case.inputs:
@@ -317,7 +317,7 @@ def _of_the_inputs(case):
 
 
 def _unusual_scatter(entry, row, sign, half, likely):
-    """A scatter much wider, or much narrower, than that of any such parameter."""
+    """A scatter that is much wider or much narrower than any such parameter has."""
     mean = abs(entry.distribution.getMean()[0])
     is_known = row.unit in _KNOWN_RELATIVELY and sign is Sign.POSITIVE
     if is_known and half > 3.0 * _LARGEST_RELATIVE_SCATTER * mean:
@@ -355,7 +355,7 @@ def _scattered_runs(case):
     return parameters, simulate(case.separation, parameters)
 
 
-def _of_the_requirements(case):
+def _requirement_warnings(case):
     for row in requirement_scatter(case):
         if not math.isfinite(row.median):
             continue
@@ -397,8 +397,8 @@ def _other_unit(row):
     return None
 
 
-def _of_runs(case):
-    """What a well-spread sample of the inputs runs into."""
+def _run_warnings(case):
+    """Runs of a well-spread sample of the inputs that fail."""
     if not case.inputs:
         return
     parameters, outcome = _scattered_runs(case)

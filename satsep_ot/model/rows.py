@@ -47,7 +47,7 @@ class Row:
     usual : (float, float)
         The smallest and the largest value of any real separation, in the unit of the file.
     smallest_scatter : float, optional
-        In place of that of the unit.
+        The smallest credible scatter in the unit of the file, where it differs from `Unit.smallest_scatter`.
     """
 
     key: str

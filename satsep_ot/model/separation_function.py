@@ -43,8 +43,8 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
     tolerance : float, default 1e-8
         Relative accuracy of each simulation.
     quantities : sequence of str, optional
-        Names of the quantities of interest wanted, in this order. Default: all. Gradients of fewer cost less, and the
-        Hessian is whole: that of a function's `getMarginal` has no diagonal in OpenTURNS 1.27.
+        Names of the quantities of interest wanted, in this order. Default: all. Gradients of fewer cost less. Ask for
+        fewer here rather than by a function's `getMarginal`, whose Hessian has no diagonal in OpenTURNS 1.27.
 
     Notes
     -----

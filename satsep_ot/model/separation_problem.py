@@ -26,8 +26,8 @@ class SeparationProblem:
     case : Case, str or path, default "reference"
         As for :func:`satsep_ot.model.case.load_case`.
     copula : :class:`openturns.Distribution`, optional
-        Dependence of the uncertain inputs, in their order. Default: that of the case, which is independence where it
-        has no correlation.
+        Dependence of the uncertain inputs, in their order. Default: the copula of the case; without correlations in
+        the case the inputs are independent.
 
     Raises
     ------
@@ -91,9 +91,29 @@ class SeparationProblem:
         Returns
         -------
         function : :class:`openturns.Function`
-            A :class:`satsep_ot.model.separation_function.SeparationFunction` in OpenTURNS' clothes.
+            A :class:`satsep_ot.model.separation_function.SeparationFunction` as an OpenTURNS function.
         """
         return ot.Function(SeparationFunction(self._case))
+
+    def getInputNames(self) -> list[str]:
+        """Names of the uncertain inputs, without their units.
+
+        Returns
+        -------
+        names : list of str
+            In the order of the distribution.
+        """
+        return [row.name for row in self._case.inputs]
+
+    def getInputUnits(self) -> list[str]:
+        """Units of the uncertain inputs.
+
+        Returns
+        -------
+        units : list of str
+            In the order of the distribution; "1" for a pure number.
+        """
+        return [row.unit for row in self._case.inputs]
 
     def getRequirements(self) -> list[Requirement]:
         """The requirements, in the order of the case file.
@@ -143,8 +163,8 @@ class SeparationProblem:
         -------
         event : :class:`openturns.ThresholdEvent`
             The smallest margin is below 0: one run decides on all requirements. A margin is the distance from the
-            limit, as a fraction of that of the nominal run, so that no requirement hides the others from an algorithm
-            that walks down in levels.
+            limit divided by the distance of the nominal run, so that all requirements count alike in an algorithm that
+            approaches the failure in levels.
 
         Raises
         ------
@@ -159,8 +179,8 @@ class SeparationProblem:
     ) -> tuple[ot.Function, ot.Function, list[int], ot.Function]:
         """The smooth components behind an event, and how they make up the variable that the event compares.
 
-        A surrogate of a norm, of an absolute value or of a minimum over time is poor at the kinks; surrogates of what
-        these are taken of are not. The smallest distance of a re-contact stands for itself: it is smooth as long as a
+        A surrogate of a norm, of an absolute value or of a minimum over time is poor at the kinks; surrogates of their
+        arguments are not. The smallest distance of a re-contact stands for itself: it is smooth as long as a
         push along the track opens distance, and bends where the bodies come back to each other, as after a push across
         the track; algorithms with surrogates need more runs there, or do not converge and say so.
 

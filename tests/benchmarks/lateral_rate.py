@@ -59,8 +59,8 @@ def main(size=1_000_000):
     algorithm.run()
     weights = np.array(algorithm.getResult().getDirections())[:, 0] ** 2
     groups = {}
-    for label, weight in zip(distribution.getDescription(), weights, strict=True):
-        name = label.split(" [")[0].rstrip("_1234")
+    for name, weight in zip(problem.getInputNames(), weights, strict=True):
+        name = name.rstrip("_1234")
         groups[name] = groups.get(name, 0.0) + weight
     shares = sorted(groups.items(), key=lambda item: -item[1])
     print("share of each input in the active direction of rate_x (squared weights, springs together):")

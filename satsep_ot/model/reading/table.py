@@ -107,7 +107,7 @@ class Table:
         return self.read_as(row.value, key, count)
 
     def read_as(self, value: Value, key: str, count: int = 0) -> Any:
-        """The value of a key that the file gives, read as a kind of value that may differ from that of its row."""
+        """The value of a key that the file gives, read as another kind of value than its row has."""
         try:
             return value.read(self.data[key], count)
         except Refused as error:
