@@ -114,9 +114,7 @@ def spring_strokes(separation: Separation, states: ArrayLike) -> np.ndarray:
     ['0.0000', '0.0112']
     """
     states, springs, stowed = np.asarray(states, dtype=float), separation.springs, separation.stowed_length
-    zero = np.zeros(len(springs))
-    seats = np.stack([springs.radius * np.cos(springs.angle), zero, springs.radius * np.sin(springs.angle)], axis=1)
-    guides = _guides(springs)
+    seats, guides = springs.seats(), springs.guides()
     # A stowed strut lies along its guide: the platform's seat is recessed by l_0 n, the satellite raised by l_0 y.
     platform_seats = seats + stowed * (np.array([0.0, 1.0, 0.0]) - guides) - separation.platform.center_of_mass
     strokes = np.empty((len(states), len(springs)))
@@ -242,17 +240,11 @@ def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1
         strokes = spring_strokes(separation, states)
         plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (_NODES, 1)))
         for i in np.flatnonzero((starts <= start) & (end <= releases)):
-            cosine = plate @ _guides(springs)[i]
+            cosine = plate @ springs.guides()[i]
             sine = np.sqrt(np.maximum(0.0, 1.0 - cosine**2))
             taken = friction * sine / (cosine + friction * sine) * force_of(springs, i, strokes[:, i])
             loss[i] += weights @ (taken * (differentiate @ strokes[:, i]))
     return loss
-
-
-def _guides(springs):
-    """Directions of the guides in platform axes, (N, 3)."""
-    ca, sa, cb, sb = np.cos(springs.angle), np.sin(springs.angle), np.cos(springs.cant), np.sin(springs.cant)
-    return np.stack([-sb * sa, cb, sb * ca], axis=1)
 
 
 def _reduced_mass(separation):

@@ -87,6 +87,17 @@ class Springs:
     def __len__(self) -> int:
         return self.angle.size
 
+    def seats(self) -> np.ndarray:
+        """The seats from the ring centre, R (cos alpha, 0, sin alpha) (eq. 5), shape (N, 3) [m]."""
+        return np.stack(
+            [self.radius * np.cos(self.angle), np.zeros(len(self)), self.radius * np.sin(self.angle)], axis=1
+        )
+
+    def guides(self) -> np.ndarray:
+        """Directions of the guides in platform axes: y, tilted by the cant along the ring, shape (N, 3)."""
+        ca, sa, cb, sb = np.cos(self.angle), np.sin(self.angle), np.cos(self.cant), np.sin(self.cant)
+        return np.stack([-sb * sa, cb, sb * ca], axis=1)
+
     def law_property(self, name: str) -> np.ndarray:
         """For which springs a property of their law is true, bool (N,); see `satsep_ot.dynamics.springs.Law`."""
         return np.array([getattr(ForceLaw(law), name) for law in self.laws])

@@ -1,6 +1,5 @@
 """Runs of a separation as plain data that a page can draw moving: the bodies' shapes, and where they are over time."""
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -123,19 +122,15 @@ def animation_data(separation: Separation, runs: Mapping[str, ArrayLike]) -> dic
         times = np.concatenate([push.times, flight.times[later]])
         centres = np.concatenate([push.centres, flight.centres[later]])
         turns = np.concatenate([push.attitudes, flight.attitudes[later]])
-        named = dict(zip(separation.parameter_names(), np.asarray(parameters, dtype=float), strict=True))
-        seats = []
         pushers = np.flatnonzero(~push.pins)
-        for i in pushers:
-            angle, radius = named[f"springs[{i}].angle"], named[f"springs[{i}].radius"]
-            seats.append([radius * math.cos(angle), 0.0, radius * math.sin(angle)])
+        seats = separation.with_parameters(np.asarray(parameters)).springs.seats()
         data["runs"][label] = {
             "times": _rounded(times),
             "centres": _rounded(centres),
             "turns": _rounded(_quaternions(turns)),
             "pushEnd": float(push.times[-1]),
             "release": last,
-            "seats": _rounded(np.array(seats)),
+            "seats": _rounded(seats[pushers]),
             "releases": [None if np.isnan(time) else time for time in _rounded(push.release_times[pushers])],
         }
     return data

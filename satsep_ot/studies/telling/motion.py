@@ -1,15 +1,15 @@
 """One run over time, as figures and the moving view show it."""
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from satsep_ot.dynamics.invariants import spring_strokes
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.run_document import spring_names
 
 
@@ -69,31 +69,12 @@ def compute_motion(
         end = 1.5 * np.nanmax(releases)
     times = np.unique(np.concatenate([np.linspace(0.0, end, size), releases[releases <= end]]))
     states = trajectory(separation, times, parameters).states
-    vector = separation.parameters() if parameters is None else np.asarray(parameters, dtype=float)
-    named = dict(zip(separation.parameter_names(), vector, strict=True))
+    flown = separation if parameters is None else separation.with_parameters(np.asarray(parameters))
     turns = np.array([rotation_matrix(quaternion) for quaternion in states[:, 12:16]])
-    platform, satellite = (
-        np.array([named[f"{body}.center_of_mass.{axis}"] for axis in "xyz"]) for body in ("platform", "satellite")
-    )
-    stowed, y = named["stowed_length"], np.array([0.0, 1.0, 0.0])
     # The satellite's ring centre from the platform's, in platform axes.
-    centre = states[:, 0:3] - turns @ satellite + platform
-    strokes = np.full((len(times), len(releases)), np.nan)
-    for i, release in enumerate(releases):
-        angle, radius, cant, delay = (named[f"springs[{i}].{name}"] for name in ("angle", "radius", "cant", "delay"))
-        seat = radius * np.array([math.cos(angle), 0.0, math.sin(angle)])
-        guide = np.array([-math.sin(cant) * math.sin(angle), math.cos(cant), math.sin(cant) * math.cos(angle)])
-        # A stowed strut lies along its guide: its platform seat is recessed so.
-        delta = centre + turns @ seat - (seat + stowed * (y - guide))
-        if separation.force_line == ForceLine.GUIDED:
-            along = delta @ guide
-        elif separation.force_line == ForceLine.STRUT:
-            along = np.linalg.norm(delta, axis=1) - stowed
-        else:
-            plate = turns[:, :, 1]
-            along = np.sum(delta * plate, axis=1) / (plate @ guide)
-        pushing = (times >= delay) & (times <= release)
-        strokes[pushing, i] = along[pushing]
+    centre = states[:, 0:3] - turns @ flown.satellite.center_of_mass + flown.platform.center_of_mass
+    pushing = (times[:, None] >= flown.springs.delay) & (times[:, None] <= releases)
+    strokes = np.where(pushing, spring_strokes(flown, states), np.nan)
     return Motion(
         times=times,
         gap=centre[:, 1] - centre[0, 1],
