@@ -138,7 +138,7 @@ def test_every_parameter_of_a_run_at_every_absurd_value(force_line):
     for row in np.flatnonzero(~finished):
         name, value = names[row // count], VALUES[row % count]
         if not abs(value) < 1e30:
-            assert outcome.explain(row) == f"{name} = {value}; a finite number of size below 1e+30 is allowed"
+            assert outcome.explain(row) == f"{name} = {value}; it must be a finite number of size below 1e+30"
         elif outcome.status[row] == Status.INVALID_PARAMETERS:
             assert name.split(".")[0].split("[")[0] in outcome.explain(row), (name, value)
             assert outcome.explain(row) != Status.INVALID_PARAMETERS.sentence
@@ -174,8 +174,8 @@ def test_a_recess_that_is_none():
     rows[:4, names.index("recess_depth")] = [0.25, 0.25, 0.0, -0.1]
     outcome = simulate(separation, rows)
     assert outcome.status.tolist() == [Status.INVALID_PARAMETERS] * 4 + [Status.OK]
-    assert outcome.explain(1) == "recess_radius = -0.1; a positive number is allowed"
-    assert outcome.explain(3) == "recess_depth = -0.1; a positive number is allowed"
+    assert outcome.explain(1) == "recess_radius = -0.1; it must be positive"
+    assert outcome.explain(3) == "recess_depth = -0.1; it must be positive"
 
 
 def test_forces_too_large_for_the_resolution_of_time():

@@ -72,13 +72,13 @@ def test_a_changed_separation_runs_as_a_row_of_parameters_does(separation):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("satellite.mass", -1.0, r"satellite\.mass = -1\.0; a positive number"),
-        ("springs[1].delay", -1.0, r"springs\[1\]\.delay = -1\.0; a number that is not negative"),
-        ("stowed_length", 0.1, r"stowed_length = 0\.1; 0 is allowed, since only struts"),
-        ("guide_friction", 0.1, r"guide_friction = 0\.1; 0 is allowed, since only the force line NORMAL"),
+        ("satellite.mass", -1.0, r"satellite\.mass = -1\.0; it must be positive"),
+        ("springs[1].delay", -1.0, r"springs\[1\]\.delay = -1\.0; it must be not negative"),
+        ("stowed_length", 0.1, r"stowed_length = 0\.1; it must be 0, since only struts"),
+        ("guide_friction", 0.1, r"guide_friction = 0\.1; it must be 0, since only the force line NORMAL"),
         ("platform.inertia.xy", 1e6, r"platform\.inertia has the principal moments"),
         ("recess_depth", -1.0, r"no point lies in the recess"),
-        ("rates.x", np.nan, r"rates\.x = nan; a finite number"),
+        ("rates.x", np.nan, r"rates\.x = nan; it must be a finite number"),
     ],
 )
 def test_vectors_that_make_no_sense(name, value, words):

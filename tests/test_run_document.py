@@ -84,19 +84,19 @@ def test_energy_of_springs_of_every_kind(force_line):
 
 @pytest.mark.parametrize("time", [-1.0, np.nan, np.inf, 1001.0])
 def test_times_that_are_not_allowed(time):
-    with pytest.raises(ValueError, match="0 to 1000 s after the start is allowed"):
+    with pytest.raises(ValueError, match="between 0 and 1000 s after the start"):
         run_document(load_case("reference"), [time])
 
 
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--tolerance", "0"], "1e-13 to 0.01"),
-        (["--tolerance", "nan"], "1e-13 to 0.01"),
-        (["--tolerance", "small"], "1e-13 to 0.01"),
-        (["--at", "-1"], "0 to 1000"),
-        (["--at", "0.1", "inf"], "0 to 1000"),
-        (["--at", "late"], "0 to 1000"),
+        (["--tolerance", "0"], "between 1e-13 and 0.01"),
+        (["--tolerance", "nan"], "between 1e-13 and 0.01"),
+        (["--tolerance", "small"], "between 1e-13 and 0.01"),
+        (["--at", "-1"], "between 0 and 1000"),
+        (["--at", "0.1", "inf"], "between 0 and 1000"),
+        (["--at", "late"], "between 0 and 1000"),
     ],
 )
 def test_arguments_that_are_not_allowed_are_named_with_exit_code_2(arguments, words, capsys):

@@ -216,7 +216,7 @@ def test_each_way_to_fail_has_its_status():
     rows[3, names.index("springs[2].delay")] = np.nan
     outcome = simulate(symmetric_separation(envelope=BOX, recess_radius=0.52, recess_depth=0.25), rows)
     assert outcome.status.tolist() == [Status.OK, *[Status.INVALID_PARAMETERS] * 3]
-    assert outcome.explain(1) == "satellite.mass = -1.0; a positive number is allowed"
+    assert outcome.explain(1) == "satellite.mass = -1.0; it must be positive"
     assert "triangle" in outcome.explain(2)
     assert "springs[2].delay = nan" in outcome.explain(3)
 
@@ -231,7 +231,7 @@ def test_absurd_rates_end_in_bounded_steps(rates):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"force_line": ForceLine.STRUT}, "stowed_length = 0.0; a positive number is allowed"),
+        ({"force_line": ForceLine.STRUT}, "stowed_length = 0.0; it must be positive"),
         ({"stowed_length": 0.04}, "only struts have a stowed length"),
         ({"attitude": [0.0, 0.0, 0.0, 0.0]}, "a quaternion of norm above 0"),
         ({"rates": [0.0, np.inf, 0.0]}, "rates.y = inf"),
@@ -271,7 +271,7 @@ def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
     with pytest.raises(ValueError, match=r"springs\.laws = .*one law for each spring, TABLE where there is a table"):
         Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, laws=[ForceLaw.TABLE] * 4)
     # A spring with a table has no stiffness of its own.
-    with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; 0 is allowed, since another law"):
+    with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; it must be 0, since another law"):
         symmetric_separation(springs=Springs(SQUARE, 0.3, [0.0, 5500.0, 0.0, 0.0], 0.0, 0.03, tables=[table] * 4))
 
 

@@ -389,20 +389,19 @@ def invalid_parameter(separation: Separation, parameters: np.ndarray) -> str | N
     zero = separation._zero_parameters()
     for place, value in zip(separation.parameter_places(), parameters, strict=True):
         if not np.abs(value) < LARGEST:
-            return f"{place.name} = {value}; a finite number of size below {LARGEST:g} is allowed"
+            return f"{place.name} = {value}; it must be a finite number of size below {LARGEST:g}"
         if place.name in zero:
             if value != 0.0:
-                return f"{place.name} = {value}; 0 is allowed, since {zero[place.name]}"
+                return f"{place.name} = {value}; it must be 0, since {zero[place.name]}"
             continue
         sign = separation._sign_needed(place)
         if not sign.allows(value):
-            number = "a positive number" if sign is Sign.POSITIVE else "a number that is not negative"
-            return f"{place.name} = {value}; {number} is allowed"
+            return f"{place.name} = {value}; it must be {sign.value}"
     for body, start in (("platform", PLATFORM), ("satellite", SATELLITE)):
         moments = np.linalg.eigvalsh(inertia_tensor(*parameters[start + 1 : start + 7]))
         if not is_inertia(moments):
             return (
-                f"{body}.inertia has the principal moments {moments} kg m2; positive ones are allowed, none above the "
-                "sum of the other two (triangle inequality)"
+                f"{body}.inertia has the principal moments {moments} kg m2; they must be positive, and none above "
+                "the sum of the other two (triangle inequality)"
             )
     return None

@@ -111,7 +111,7 @@ class UncertainInput:
         (0.5, 100.0)
         """
         if not 0.0 < scale < math.inf:
-            raise ValueError(f"scale = {scale}; a positive number is allowed")
+            raise ValueError(f"scale = {scale}; it must be positive and finite")
         mean = self.distribution.getMean()[0]
         return replace(self, factor=scale * self.factor, reference=mean - (mean - self.reference) / scale)
 

@@ -57,7 +57,7 @@ def run_document(case: Case, times: Sequence[float] = (), tolerance: float = 1e-
     times = [float(time) for time in times]
     for time in times:
         if not 0.0 <= time <= LONGEST_TIME:
-            raise ValueError(f"time = {time} s; 0 to {LONGEST_TIME:g} s after the start is allowed")
+            raise ValueError(f"time = {time} s; it must be between 0 and {LONGEST_TIME:g} s after the start")
     separation = case.separation
     outcome = simulate(separation, tolerance=tolerance)
     status = Status(int(outcome.status[0]))
