@@ -204,7 +204,7 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
     assert cli.main([*arguments, "--runs", "20000", "--methods", "FORM", "MonteCarlo"]) == 0
     captured = capsys.readouterr()
     # The limit of +-2.5 standard deviations has two sides, of which FORM sees one.
-    assert "rolling: FORM gives 6.21e-3, 2." in captured.out
+    assert "rolling: FORM gives 6.21e-3 (2." in captured.out
     assert "times too low" in captured.out
     assert "20,000 Monte Carlo runs" in captured.err
     results = json.loads((output / "results.json").read_text(encoding="utf-8"))

@@ -417,7 +417,8 @@ class SeparationStudy(DeprecatedAccessors):
         if self._directory is not None:
             result.save(self._directory.file("steps", names, ".npz"))
         self._keepRuns(names, lambda: result.getTrueRuns(self._outputDescription(requirement)))
-        return dataclasses.replace(estimate, unseen_bound=result.getUnseenBound())
+        # A table says once for all requirements what their estimates do not exclude.
+        return dataclasses.replace(estimate, note=result.getEndingSentence(), unseen_bound=result.getUnseenBound())
 
     def _outputDescription(self, requirement):
         function, _, _, _ = self._problem.getComponents(None if requirement == SYSTEM else requirement)
@@ -491,7 +492,7 @@ class SeparationStudy(DeprecatedAccessors):
             interval.getUpperBound()[0],
             result.getEvaluationNumber(),
             result.getConverged(),
-            result.getReason(),
+            result.getEndingSentence(),
         )
 
     def computeViolations(self) -> None:

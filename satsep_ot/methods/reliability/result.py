@@ -157,7 +157,14 @@ class ActiveSubspaceReliabilityResult:
         return self._outcome.converged
 
     def getReason(self) -> str:
-        """How the run ended, in a sentence, with what else is to be known of the estimate."""
+        """How the run ended, in a sentence, with what the estimate does not exclude."""
+        bound, sentence = self._outcome.unseenBound, self.getEndingSentence()
+        if bound is None:
+            return sentence
+        return f"{sentence}; a failure region of probability below {bound:.1e} that no run has reached is not excluded"
+
+    def getEndingSentence(self) -> str:
+        """How the run ended, in a sentence, without what `getUnseenBound` says."""
         return self._outcome.reason
 
     def getEnding(self) -> Ending:
@@ -421,4 +428,10 @@ def _upgraded(fields):
     ending = next(ending for ending in Ending if reason.startswith(ending.value.partition("{")[0]))
     bound = fields["diagnostics"]["unseen bound"] if "is not excluded" in reason else None
     level = reason.partition("at a level of probability ")[2].partition(",")[0]
-    return fields | {"ending": ending, "unseenBound": bound, "levelReached": float(level) if level else None}
+    return fields | {
+        "ending": ending,
+        # What is not excluded is said from the bound.
+        "reason": reason.partition("; a failure region of probability below")[0],
+        "unseenBound": bound,
+        "levelReached": float(level) if level else None,
+    }

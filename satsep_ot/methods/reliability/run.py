@@ -321,7 +321,6 @@ class ReliabilityRun:
             remarks = [f"no run failed, and only about {law.runs} crude Monte Carlo runs bound the probability"]
         elif self.settings.mode == "fast" and estimate.probability <= bound:
             unseen = bound
-            remarks = [f"a failure region of probability below {bound:.1e} that no run has reached is not excluded"]
         blocks, limitState, seed = list(self.blocks), self.limitState, int(self.generator.integers(2**31))
         return self._outcome(
             ending,

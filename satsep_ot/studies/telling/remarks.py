@@ -75,14 +75,15 @@ def remarks(result: StudyResult) -> list[str]:
         if best is None or interval is None or interval.probability == 0.0:
             continue
         why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else BLIND_SPOTS.get(quantities[requirement])
+        apart = []
         for method in DESIGN_POINT_METHODS:
             row = estimate_by(method, rows)
-            if row is None or not row.probability or interval.lower <= row.probability <= interval.upper:
-                continue
-            ratio = row.probability / interval.probability
-            times = f"{1.0 / ratio:.1f} times too low" if ratio < 1.0 else f"{ratio:.1f} times too high"
+            if row is not None and row.probability and not interval.lower <= row.probability <= interval.upper:
+                difference = _difference(row.probability / interval.probability)
+                apart.append(f"{method} gives {probability_text(row.probability)} ({difference})")
+        if apart:
             sentences.append(
-                f"{requirement}: {method} gives {probability_text(row.probability)}, {times}: {best.method} gives "
+                f"{requirement}: {' and '.join(apart)}, where {best.method} gives "
                 f"{probability_text(interval.probability)} ({interval_text(interval.lower, interval.upper)})"
                 + (f". The reason: {why}." if why else ".")
             )
@@ -136,6 +137,12 @@ def unseen_regions(result: StudyResult) -> list[str]:
             f"{probability_text(3.0 / result.sizes.sample)}."
         )
     return [text]
+
+
+def _difference(ratio: float) -> str:
+    """How far a probability is from a better one."""
+    word, factor = ("low", 1.0 / ratio) if ratio < 1.0 else ("high", ratio)
+    return f"{100.0 * abs(1.0 - ratio):.0f} % too {word}" if factor < 1.5 else f"{factor:.1f} times too {word}"
 
 
 def _coverage():

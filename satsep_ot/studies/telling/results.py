@@ -288,7 +288,7 @@ class Diagnostics:
     def of(result: ActiveSubspaceReliabilityResult) -> "Diagnostics":
         """The diagnostics of a result; a number that is not finite is None."""
         numbers = {name: value if math.isfinite(value) else None for name, value in result.getDiagnostics().items()}
-        return Diagnostics(result.getMethod(), result.getReason(), result.getSurrogateProbability(), numbers)
+        return Diagnostics(result.getMethod(), result.getEndingSentence(), result.getSurrogateProbability(), numbers)
 
     def to_plain(self) -> dict[str, Any]:
         """As it stands in results.json."""
