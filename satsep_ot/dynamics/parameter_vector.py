@@ -7,7 +7,7 @@ order of the fields is their order in the vector.
 import enum
 import functools
 from dataclasses import dataclass
-from typing import NamedTuple, get_type_hints
+from typing import get_type_hints
 
 AXES = ("x", "y", "z")
 TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
@@ -52,7 +52,8 @@ class Parameter:
         return self.sign if isinstance(self.sign, tuple) else (self.sign,) * len(self.elements)
 
 
-class Place(NamedTuple):
+@dataclass(frozen=True)
+class Place:
     """One number of the flat parameter vector.
 
     Attributes

@@ -185,7 +185,7 @@ class Separation:
     envelope: Array | None = None
     recess_radius: Annotated[float, Parameter(Sign.POSITIVE)] = 0.0
     recess_depth: Annotated[float, Parameter(Sign.POSITIVE)] = 0.0
-    recess_planes: Array | None = None
+    recess_planes: Array = None  # no planes; afterwards an array without rows
     impulse: Annotated[Array, Parameter(elements=AXES)] = (0.0, 0.0, 0.0)
     angular_impulse: Annotated[Array, Parameter(elements=AXES)] = (0.0, 0.0, 0.0)
     guide_friction: Annotated[float, Parameter(Sign.NOT_NEGATIVE)] = 0.0
@@ -351,6 +351,8 @@ class Separation:
 
         Where that is the platform's, the nominal masses and CGs say where O is.
         """
+        if self.orbit is None:
+            raise ValueError("the separation has no orbit")
         _, *motion = self.platform_orbit()
         share = self.satellite.mass / (self.platform.mass + self.satellite.mass)
         arm = share * (self.satellite.center_of_mass - self.platform.center_of_mass)

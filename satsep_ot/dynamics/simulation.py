@@ -144,7 +144,15 @@ class Outcome:
         return quantity.value(self.base[:, [self._columns[field] for field in quantity.fields]])
 
     def quantity_gradient(self, name: str) -> np.ndarray:
-        """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base."""
+        """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base.
+
+        Raises
+        ------
+        ValueError
+            If the runs were made without gradients.
+        """
+        if self.gradients is None:
+            raise ValueError("the runs have no gradients; simulate_with_gradients gives them")
         quantity = self._table[name]
         columns = [self._columns[field] for field in quantity.fields]
         return np.einsum("nc,ncp->np", quantity.gradient(self.base[:, columns]), self.gradients[:, columns])

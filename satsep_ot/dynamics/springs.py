@@ -57,8 +57,9 @@ class Springs:
     cant: Annotated[Array, Parameter()] = 0.0
     delay: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 0.0
     scale: Annotated[Array, Parameter(Sign.NOT_NEGATIVE)] = 1.0
-    tables: tuple | None = None
-    laws: Array | None = None
+    # None stands for the default while they are checked; afterwards they are there.
+    tables: tuple = None  # type: ignore[assignment]
+    laws: Array = None
 
     def __post_init__(self):
         count = np.size(self.angle)

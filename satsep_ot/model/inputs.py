@@ -144,12 +144,13 @@ def scatter_targets(separation: Separation) -> dict[str, Target]:
         key, members = f"{table.name}.{row.key}", [place for place in places if place.path == row.field]
         if row.of_connector:
             named = {
-                number: tuple(place.name for place in members if place.index - first in row.of_connector)
+                number: tuple(place.name for place in members if place.index in {first + k for k in row.of_connector})
                 for number, first in enumerate(connectors, start=1)
             }
             targets |= _numbered(key, row, named, "umbilical connector")
         elif row.holder == "springs":
-            named = {place.index + 1: (place.name,) for place in members if place.index not in of_connectors}
+            of_springs = {place.index: place for place in members if place.index is not None}
+            named = {i + 1: (place.name,) for i, place in of_springs.items() if i not in of_connectors}
             targets |= _numbered(key, row, named, "spring")
         elif row.holder == "recess_planes":
             for number, place in enumerate(members, start=1):

@@ -42,9 +42,9 @@ LAYERS = {"dynamics": 50, "methods": 80}
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
     (
-        "methods/subspaces/algorithm.py",
-        "ahead = self._evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -1)",
-        "ahead = self._evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -2)",
+        "methods/subspaces/gradients.py",
+        "ahead = self.evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -1)",
+        "ahead = self.evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -2)",
     ): "numpy takes every negative number for the one that is left",
     (
         "methods/reliability/proposal.py",
@@ -56,11 +56,6 @@ EQUIVALENT = {
         "block = max(256, BLOCK_NUMBERS // self.size)",
         "block = max(257, BLOCK_NUMBERS // self.size)",
     ): "how many points are worked on at once, which changes time alone",
-    (
-        "methods/subspaces/result.py",
-        "self._setCost(0, 0, None, None)",
-        "self._setCost(1, 0, None, None)",
-    ): "the algorithm that makes the result sets these before anyone can ask",
     (
         "methods/subspaces/estimation.py",
         "np.where(possible, square / np.where(possible, lower, 1.0), upper),",
@@ -112,9 +107,9 @@ EQUIVALENT = {
         "ROWS_FOR_CHOLESKY = 5",
     ): "from which size on the quicker of two ways is taken, which give the same",
     (
-        "methods/subspaces/result.py",
-        "gradients, bootstrapSize, max(self._largest, dimension or 0), self._scales, weights",
-        "gradients, bootstrapSize, max(self._largest, dimension or 1), self._scales, weights",
+        "methods/subspaces/analysis.py",
+        "gradients, bootstrap_size, max(largest, dimension or 0), scales, weights",
+        "gradients, bootstrap_size, max(largest, dimension or 1), scales, weights",
     ): "the other number is never smaller than 1",
     **{
         ("methods/common/standard_space.py", "CHECK_LEVELS = (0.5, 0.84, 0.05)", f"CHECK_LEVELS = {levels}"): (

@@ -105,7 +105,8 @@ def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
     path = Path(path)
     if path.suffix != ".npz":
         raise ValueError(f"the file is {path}; its name must end on .npz")
-    arrays, document = {}, {"format": kind}
+    arrays: dict[str, np.ndarray] = {}
+    document: dict[str, Any] = {"format": kind}
     for name, value in fields.items():
         if name == "event" and isPython(value):
             value = None
@@ -159,14 +160,15 @@ def readResult(
     if document.pop("format", None) != kind:
         raise ValueError(f"{path} holds no {kind.split()[0]} of this version, as its save() writes it")
     fields = {}
+    classes, objects = classes or {}, objects or {}
     for name, value in document.items():
         if value == _ARRAY:
             fields[name] = arrays[name]
-        elif value is not None and name in (classes or {}):
+        elif value is not None and name in classes:
             prefix = f"{name}."
             parts = {key.removeprefix(prefix): array for key, array in arrays.items() if key.startswith(prefix)}
             fields[name] = classes[name](**value, **parts)
-        elif value is not None and name in (objects or {}):
+        elif value is not None and name in objects:
             fields[name] = fromXML(value, objects[name])
         else:
             fields[name] = value

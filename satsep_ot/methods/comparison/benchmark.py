@@ -67,9 +67,9 @@ class ReliabilityBenchmark:
                 raise ValueError(f"the names of the {what} must differ, but they are {', '.join(names)}")
         self._repetitions = repetitions
         self._seed = seed
-        self._path = None
+        self._path: Path | None = None
         self._scheduler = ChunkScheduler()
-        self._progressCallback = None
+        self._progressCallback: Callable[[str, float], None] | None = None
         # Rows of the repetitions, by problem and method, then by seed.
         self._known: dict[tuple[str, str], dict[int, Row]] | None = None
 
@@ -111,7 +111,8 @@ class ReliabilityBenchmark:
         ChunkError
             With an executor: a repetition could not be made, since its worker dies or hangs.
         """
-        self._known = known = {}
+        known: dict[tuple[str, str], dict[int, Row]] = {}
+        self._known = known
         self._read(known)
         pairs = [(task, method) for task in self._tasks for method in self._methods]
         # Seed by seed: an interruption leaves every method with about as many repetitions.

@@ -264,7 +264,8 @@ class ReliabilityBenchmarkResult:
         self._addClouds(graph, [(row, [row.cost, -float(problems.index(row.problem))]) for row in rows])
         if rows:
             # Problems from the top down; their names stand on the left, above the line, where room is kept for them.
-            least, most = min(row.cost for row in rows) / 1.5, max(row.cost for row in rows) * 1.5
+            costs = [row.cost for row in rows if row.cost]
+            least, most = min(costs) / 1.5, max(costs) * 1.5
             left = least * (least / most) ** (0.014 * max(map(len, problems)))
             names = ot.Text([[left, 0.2 - place] for place in range(len(problems))], problems, "right")
             names.setColor("black")
@@ -280,7 +281,8 @@ class ReliabilityBenchmarkResult:
         graph = ot.Graph("Measured and claimed error", "claimed", "measured", True)
         self._addClouds(graph, [(row, [row.claimed, row.error]) for row in rows])
         if rows:
-            edges = [min(min(row.claimed, row.error) for row in rows), max(max(row.claimed, row.error) for row in rows)]
+            errors = [error for row in rows for error in (row.claimed, row.error) if error]
+            edges = [min(errors), max(errors)]
             diagonal = ot.Curve(edges, edges)
             diagonal.setColor("black")
             graph.add(diagonal)

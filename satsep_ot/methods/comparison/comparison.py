@@ -61,11 +61,11 @@ class ReliabilityComparison:
         checkedKind(event)
         self._event = event
         self._methods = [makeMethod(method) for method in (DEFAULT_METHODS if methods is None else methods)]
-        self._components = None
-        self._progressCallback = None
-        self._rowCallback = None
-        self._runsCallback = None
-        self._stopCallback = None
+        self._components: tuple | None = None
+        self._progressCallback: Callable[[str, float], None] | None = None
+        self._rowCallback: Callable[[Row], None] | None = None
+        self._runsCallback: Callable[[np.ndarray, np.ndarray], None] | None = None
+        self._stopCallback: Callable[[], bool] | None = None
         self._result: ReliabilityComparisonResult | None = None
 
     def __repr__(self) -> str:

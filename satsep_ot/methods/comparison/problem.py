@@ -120,11 +120,10 @@ class BenchmarkProblem:
         """
         p = self._outputDimension
         function = _batchFunction(self._distribution.getDimension(), p, lambda x: self._components(x).reshape(-1, p))
-        if self._composition is None:
-            composition = ot.IdentityFunction(1)
-        else:
-            composition = _batchFunction(p, 1, lambda y: self._composition(y)[:, None])
-        return function, composition
+        compose = self._composition
+        if compose is None:
+            return function, ot.IdentityFunction(1)
+        return function, _batchFunction(p, 1, lambda y: compose(y)[:, None])
 
     def rotated(self, seed: int = 0) -> "BenchmarkProblem":
         """The same problem turned in its standard space, so that no input is special: standard normal inputs u, of

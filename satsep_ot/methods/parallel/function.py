@@ -128,9 +128,9 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         self._work = Work(work)
         self._hasGradient, self._hasHessian = work.hasGradient(), work.hasHessian()
         self._scheduler = ChunkScheduler(executor)
-        self._chunkSize = None
+        self._chunkSize: int | None = None
         self._nonFiniteAllowed = False
-        self._progressCallback = None
+        self._progressCallback: Callable[[float], None] | None = None
         # OpenTURNS hides what the copies raise in text.
         self._lastError = Shared()
 

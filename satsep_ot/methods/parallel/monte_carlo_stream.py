@@ -5,7 +5,7 @@ import hashlib
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
@@ -100,7 +100,8 @@ class MonteCarloStream:
     ) -> None:
         self._work = FunctionWork(function)
         dimension = self._work.function.getInputDimension()
-        self._distribution = self._rows = None
+        self._distribution: ot.Distribution | None = None
+        self._rows: np.ndarray | Iterator[np.ndarray] | None = None
         if hasattr(inputs, "computeCDF"):
             self._distribution = ot.Distribution(inputs)
             found = self._distribution.getDimension()
@@ -118,12 +119,14 @@ class MonteCarloStream:
             raise ValueError(f"{size} runs are wanted of {len(self._rows)} rows")
         self._size = int(size)
         self._blockSize = 1024
-        self._chunkSize = None
-        self._events = {}
+        self._chunkSize: int | None = None
+        self._events: dict[str, tuple[int, ot.ComparisonOperator, float]] = {}
         self._scheduler = ChunkScheduler()
-        self._file, self._keeps, self._checkpoint = None, "none", None
-        self._progressCallback = None
-        self._result = None
+        self._file: Path | None = None
+        self._keeps = "none"
+        self._checkpoint: Path | None = None
+        self._progressCallback: Callable[[float], None] | None = None
+        self._result: MonteCarloStreamResult | None = None
 
     def __repr__(self) -> str:
         return f"MonteCarloStream(size={self._size}, blockSize={self._blockSize}, events={list(self._events)})"
@@ -222,6 +225,7 @@ class MonteCarloStream:
                 progress.saveNowAndThen(rows)
                 if self._progressCallback is not None:
                     self._progressCallback(100.0 * chunk.end / self._size)
+        assert progress.summary is not None, "there is at least one run"
         names = list(self._work.function.getOutputDescription())
         self._result = MonteCarloStreamResult(progress.summary, names, list(self._events))
 

@@ -78,7 +78,7 @@ def multiplication_runs(
     [(2, 3, 1, 0), (3, 4, 2, 0)]
     """
     position = {tuple(alpha): term for term, alpha in enumerate(indices.tolist())}
-    runs = []
+    runs: list[tuple] = []
     for term in range(first, len(indices)):
         parent = position[parents[term]]
         if runs:

@@ -73,9 +73,9 @@ class MultivariatePolynomialRegression:
         ]
         self._degree = 4
         self._norm = 1.0
-        self._weights = None
+        self._weights: np.ndarray | None = None
         self._robust = False
-        self._result = None
+        self._result: MultivariatePolynomialRegressionResult | None = None
 
     def _checkedDistribution(self, distribution):
         distribution = ot.Distribution(distribution)

@@ -186,6 +186,8 @@ class LimitStateEvent:
             return
         if kind != "ThresholdEvent":
             raise TypeError(f"components can be given for a ThresholdEvent only, not for a {kind}")
+        if composition is None:
+            raise TypeError("a component function needs the composition of its outputs; it is None")
         outputs = function.getOutputDimension()
         if function.getInputDimension() != self.dimension:
             raise ValueError(

@@ -3,7 +3,7 @@
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import openturns as ot
@@ -360,7 +360,12 @@ class ActiveSubspaceReliabilityResult:
         ValueError
             The file is not such a result.
         """
-        classes = {"runs": Runs, "interval": IntervalLaw, "view": SurrogateView, "failureSample": FailureSample}
+        classes: dict[str, Callable[..., Any]] = {
+            "runs": Runs,
+            "interval": IntervalLaw,
+            "view": SurrogateView,
+            "failureSample": FailureSample,
+        }
         objects = {"distribution": ot.Distribution(), "event": ot.RandomVector()}
         if storedFormat(path) == _FORMAT_OF_0_1_0:
             classes["failureSample"] = lambda expected, **values: FailureSample(leastVariances=expected, **values)

@@ -265,6 +265,7 @@ class ReliabilityRun:
 
     def _propose(self) -> Proposal | None:
         """Where to run next; None where the surrogate shows no failure region."""
+        assert self.surrogate is not None, "there is a surrogate once the first runs are made"
         target = self.settings.targetCoefficientOfVariation
         return propose(self.surrogate, target, self.generator, self._withNonFinite)
 

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.polynomials.basis import PolynomialBasis, number_of_terms
-from satsep_ot.methods.polynomials.fit import fit_polynomial
+from satsep_ot.methods.polynomials.fit import PolynomialFit, fit_polynomial
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
 from satsep_ot.methods.subspaces.variables import activeTransformation
@@ -58,12 +58,13 @@ class ComponentFit:
 
     model: RidgeModel
     directions: np.ndarray
-    polynomial: object
+    polynomial: PolynomialFit
     error: float
 
     def variables(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
         """The polynomial's variables from active ones (n, r) and normalised inactive radii (n,)."""
         if self.model.radial:
+            assert radius is not None, "a radial model has a radius"
             active = np.column_stack([active, radius])
         return active if active.shape[1] else np.zeros((len(active), 1))
 
@@ -125,7 +126,7 @@ class LimitStateSurrogate:
             radius = normalisedRadius(u, self.directions)
             fits = [_withRadius(u, column, weights, fit, radius) for fit, column in zip(fits, values.T, strict=True)]
             self.radial = any(fit.model.radial for fit in fits)
-        self.components = fits
+        self.components: list[ComponentFit] = fits
         self._rotations = [self.directions.T @ fit.directions for fit in fits]
         spread = values.std(axis=0)
         self.errors = np.maximum([fit.error for fit in fits], _SMALLEST_ERROR * spread)

@@ -215,7 +215,7 @@ class ActiveSubspaceAlgorithm:
         ValueError
             An output or a gradient that is not finite; a dimension asked of a constant function.
         """
-        if self._function is None:
+        if self._given is not None:
             analysis = analyse_gradients(self._given, self._bootstrapSize, self._dimension)
         else:
             model = StandardModel(self._function, self._space, self._gradientSampleFunction)

@@ -101,7 +101,8 @@ def gap_dimension(
     share = np.ones(count) if weights is None else np.sqrt(weights)
     # Where a gradient, or what is left of it, is as good as 0, the function does not vary: no measure of its length.
     negligible = math.sqrt(EIGENVALUE_FLOOR * (rows**2).sum() / count)
-    gaps, remainders = [], []
+    gaps: list[float] = []
+    remainders = []
     floor = 0.0
     for _ in range(min(largest, d - 1, count // 2)):
         remainder = _shortened(rows, share > 0.0, negligible) * share[:, None, None]

@@ -27,12 +27,12 @@ def estimate_noise(
     """
     order = 8
     evaluations = 0
-    rounding = noise = None
-    for _ in range(4):
+    rounding = noise = np.empty(0)
+    for attempt in range(4):
         line = point + spacing * (np.arange(order + 1) - order / 2)[:, None] * direction
         values = function(line)
         evaluations += len(line)
-        if rounding is None:
+        if attempt == 0:
             rounding = np.finfo(float).eps * np.abs(values).max(axis=0)
             noise = np.full(values.shape[1], np.nan)
         differences = values

@@ -136,7 +136,8 @@ class ActiveSubspaceResult:
         """
         _checkLevel(level)
         lower, upper = self._eigenvalueBands(level)
-        groups, group = [], []
+        groups: list[list[int]] = []
+        group: list[int] = []
         floor = (len(lower) * np.finfo(float).eps) ** 2 * self._analysis.eigenvalues[0]
         for i in range(self._analysis.resolved):
             if not self._analysis.eigenvalues[i] > floor:

@@ -79,14 +79,14 @@ class RidgeApproximation:
             )
         self._physical = physical
         self._points = self._space.toStandard(physical)
-        self._dimension = None
-        self._degree = None
+        self._dimension: int | None = None
+        self._degree: int | None = None
         self._largestDimension = min(3, d)
         self._largestDegree = 4
-        self._weights = None
+        self._weights: np.ndarray | None = None
         self._starts = 2
         self._folds = 5
-        self._result = None
+        self._result: RidgeApproximationResult | None = None
 
     def __repr__(self) -> str:
         return (
