@@ -1,7 +1,7 @@
 """Every workaround for OpenTURNS 1.27, each with a comment that says what can be removed once it is mended there.
 
-The rest of the package takes OpenTURNS as its documentation describes it. Two workarounds stand elsewhere, since they
-are no functions: a command watches its work from a second process (`interruption`), and `SeparationFunction` takes the
+The rest of the package uses OpenTURNS as its documentation describes it. Two workarounds are no functions and stand in
+other modules: a command watches its work from a second process (`interruption`), and `SeparationFunction` takes the
 wanted quantities as an argument, since `getMarginal` drops the diagonal of a Hessian in Python.
 """
 

@@ -334,4 +334,4 @@ def test_the_noise_is_that_of_the_residuals_over_the_spare_points(random, weight
     squares = (fit.residuals.T**2 * (1.0 if weights is None else weights)).sum(axis=1)
     np.testing.assert_allclose(fit.noise_variance, squares / 8.0)
     exact = fit_polynomial(PolynomialBasis(1, 3), points[:4], values[:4])
-    assert np.isnan(exact.noise_variance).all()
+    assert exact.noise_variance is None

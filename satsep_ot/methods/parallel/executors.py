@@ -1,4 +1,4 @@
-"""Executors for functions and streams: processes on this machine, a Dask cluster elsewhere."""
+"""Executors for functions and streams: processes on this machine, or a Dask cluster."""
 
 import contextlib
 import fcntl
@@ -118,6 +118,6 @@ def daskExecutor(address: str, timeout: float = 10.0) -> Iterator[Executor]:
         try:
             yield executor
         finally:
-            # A scheduler that is gone meanwhile needs no good-bye.
+            # The scheduler may be gone.
             with contextlib.suppress(Exception):
                 executor.shutdown(wait=False)

@@ -79,8 +79,8 @@ class MonteCarloStream:
     Notes
     -----
     Blocks of runs are drawn one by one, each from a seed of its own, by the workers; the seeds follow from one number
-    of ``ot.RandomGenerator``. What the blocks gave is merged in their order. The result depends on the block size, as
-    on the seed, but on neither the executor nor the number of workers nor the chunk size, down to the last bit.
+    of ``ot.RandomGenerator``. What the blocks gave is merged in their order. The result depends on the block size
+    and on the seed; to the last bit it does not depend on the executor, the number of workers or the chunk size.
 
     Examples
     --------
@@ -186,9 +186,9 @@ class MonteCarloStream:
     def setCheckpointFile(self, path: str | os.PathLike | None) -> None:
         """Continue from this file where it is there, and keep in it what is done; None (default) for neither.
 
-        The result of a run that was interrupted and continued is that of one that was not. A checkpoint of another
-        distribution, seed, size or other events is refused. Arrays that are given as inputs are not compared, and of
-        the function only the names of its inputs and outputs.
+        An interrupted and continued run gives the same result as an uninterrupted one. A checkpoint of another
+        distribution, seed, size or other events is refused. Arrays that are given as inputs are not compared; the
+        function is compared by the names of its inputs and outputs only.
         """
         self._checkpoint = None if path is None else Path(path)
 
@@ -206,7 +206,7 @@ class MonteCarloStream:
         ChunkError
             If a chunk could not be finished. With a checkpoint file what was finished before it is kept.
         ValueError
-            If the inputs end early, or the checkpoint is that of other runs.
+            If the inputs end early, or the checkpoint belongs to other runs.
         """
         seed = ot.RandomGenerator.IntegerGenerate(2**31 - 1)
         events = tuple(self._events.values())
@@ -255,7 +255,7 @@ class MonteCarloStream:
         function = self._work.function
         # OpenTURNS prints six digits of a distribution's parameters; the runs that it draws tell more.
         first = b"given" if self._distribution is None else work.draw(0).tobytes()
-        # In their order, which is that of the counts.
+        # In the order of the counts.
         events = [[name, column, repr(operator), limit] for name, (column, operator, limit) in self._events.items()]
         digest = hashlib.sha256(first).hexdigest()
         labels = [*function.getInputDescription(), *function.getOutputDescription()]

@@ -1,8 +1,8 @@
-"""Chunks of work on any executor: in order, few at once, and tried again elsewhere where a worker fails.
+"""Chunks of work on any executor: in order, few at once, and tried again on another worker if one fails.
 
 pebble's pool of processes has time limits and names the task that killed its process, but it is no
 ``concurrent.futures.Executor``: clusters and executors that are given would need all of this beside it. loky and
-``concurrent.futures`` blame every task of a pool whose process died, and have no time limit; nor has Dask.
+``concurrent.futures`` blame every task of a pool whose process died. Neither they nor Dask have time limits.
 """
 
 import dataclasses
@@ -131,7 +131,7 @@ class ChunkScheduler:
         ----------
         work : Work
         chunks : iterable of Chunk
-            Taken as there is room: no more are kept than four for each worker.
+            Taken one by one: at most four for each worker are kept at a time.
         check : callable, optional
             What is wrong with the result of a chunk; None where nothing is.
         inOrder : bool
@@ -298,7 +298,7 @@ class _Run:
         raise chunk.error(reason) from problem
 
     def _finished(self):
-        """Chunks that finished well meanwhile, with their results; the others are put back or end the run."""
+        """Chunks that have finished well, with their results; the others are put back or end the run."""
         done, _ = wait([attempt.future for attempt in self._attempts], timeout=_POLL, return_when=FIRST_COMPLETED)
         for attempt in list(self._attempts):
             if attempt.future in done:
@@ -390,12 +390,12 @@ def workerNumber(executor: Executor) -> int:
     client = getattr(executor, "_client", None)
     if client is not None:
         return sum(client.nthreads().values())
-    # mpi4py's pool says it in public, those of the standard library and of loky do not.
+    # mpi4py's pool has a public attribute, the pools of the standard library and of loky have a private one.
     return getattr(executor, "num_workers", None) or getattr(executor, "_max_workers", None) or os.cpu_count() or 1
 
 
 def endExecutor(executor: Executor) -> None:
-    """Shut an executor down without waiting for what it does: its processes are killed; threads cannot be."""
+    """Shut an executor down without waiting for its work: its processes are killed; threads go on."""
     processes = list((getattr(executor, "_processes", None) or {}).values())
     for process in processes:
         process.kill()

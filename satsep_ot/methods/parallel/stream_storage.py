@@ -91,7 +91,7 @@ class StreamProgress:
     Raises
     ------
     ValueError
-        The file is none of these, or that of other runs.
+        The file is no checkpoint, or belongs to other runs.
     """
 
     def __init__(self, path: Path | None, fingerprint: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""The side of a worker: one chunk in a thread or a process, its time limit, and what comes back of it."""
+"""What a worker does: one chunk in a thread or a process, within its time limit, and the answer."""
 
 import contextlib
 import dataclasses
@@ -19,7 +19,7 @@ from satsep_ot.openturns_adapter import errorMessage
 
 @dataclasses.dataclass
 class Answer:
-    """What the work gave on which worker, or what it raised, as text: an exception need not survive a pickle.
+    """The result of the work and the worker; an error as text, since an exception need not survive a pickle.
 
     Attributes
     ----------

@@ -125,7 +125,7 @@ class PolynomialDistribution:
         return fine, max((abs(other - fine) for other in coarse), default=0.0)
 
     def _tail(self, radius):
-        """Probability of one side of a line beyond a radius >= 0: half that of a chi variable."""
+        """Probability of one side of a line beyond a radius >= 0: half the tail of a chi variable."""
         if self._dimension == 2:
             return 0.5 * np.exp(-0.5 * radius**2)
         tail = special.ndtr(-radius)
@@ -168,7 +168,7 @@ class PolynomialDistribution:
     def computeCDFError(self, threshold: float) -> float | np.ndarray:
         """Error of both probabilities, the largest deviation of coarser rules; for one variable 0, up to rounding."""
         probability, error = self._probability(threshold, True)
-        # The deviations are those of the smaller probability, where they are not lost beside 1.
+        # The deviations of the smaller probability, where they are not lost beside 1.
         return error if probability < 0.5 else self._probability(threshold, False)[1]
 
     def computePDF(self, threshold: float) -> float | np.ndarray:

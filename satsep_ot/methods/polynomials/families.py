@@ -66,7 +66,7 @@ class PolynomialFamilies:
                 continue
             member = ot.StandardDistributionPolynomialFactory(marginal)
             measure = member.getMeasure()
-            # So that mean and standard deviation go to those of the family's own measure.
+            # The mean and the standard deviation of z are then the ones of the family's own measure.
             slope[i] *= measure.getStandardDeviation()[0]
             centre[i] -= measure.getMean()[0] / slope[i]
             members.append(member)

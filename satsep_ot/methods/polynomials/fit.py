@@ -68,8 +68,8 @@ class PolynomialFit:
     condition : float
         Condition number of the weighted design (an estimate in the 1-norm unless the rank is deficient).
     residual_share : float
-        Of the noise variance, what is left in the weighted residuals where the weights follow from them, as those of a
-        robust fit do; 1 for weights that are given.
+        Share of the noise variance that the weighted residuals keep: less than 1 if the weights follow from the
+        residuals, as in a robust fit; 1 for weights that are given.
     """
 
     basis: PolynomialBasis
@@ -146,18 +146,19 @@ class PolynomialFit:
 
     @property
     def freedom(self) -> int:
-        """Degrees of freedom of the residuals: points, but those of weight 0, beyond the rank."""
+        """Degrees of freedom of the residuals: points of positive weight, less the rank."""
         points = len(self.points) if self.weights is None else np.count_nonzero(self.weights)
         return int(points) - self.rank
 
     @property
-    def noise_variance(self) -> np.ndarray:
-        """Weighted residual sum of squares over the degrees of freedom, per output (nan when there are none)."""
+    def noise_variance(self) -> np.ndarray | None:
+        """Weighted residual sum of squares over the degrees of freedom, per output; None without any of them."""
+        if self.freedom <= 0:
+            return None
         squares = self.residuals**2
         if self.weights is not None:
             squares = (squares.T * self.weights).T
-        total = squares.sum(axis=0)
-        return total / (self.freedom * self.residual_share) if self.freedom > 0 else total * np.nan
+        return squares.sum(axis=0) / (self.freedom * self.residual_share)
 
     def relative_covariance(self) -> np.ndarray:
         """Covariance (size, size) of the coefficients over the noise variance."""
@@ -375,7 +376,7 @@ def _factorise(basis, points, columns, weights):
     """Triangular factor of the weighted design with the outputs as further columns, so that Q^T y comes with it.
 
     Long designs are factorised in blocks of points, each on top of the factor of those before it: the memory does
-    not grow with the number of points. Entries below the diagonal are those of the reflectors, not zeros.
+    not grow with the number of points. Below the diagonal stand the reflectors, not zeros.
     """
     width = basis.size + columns.shape[1]
     scale = None if weights is None else np.sqrt(weights)

@@ -13,7 +13,7 @@ from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomi
 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
 HUBER_CONSTANT = 1.345
-# E[min(z^2, 1.345 |z|)] of a standard normal z: what its weights leave of the variance of normal noise.
+# E[min(z^2, 1.345 |z|)] of a standard normal z: the share of the variance of normal noise that its weights keep.
 HUBER_SHARE = math.erf(HUBER_CONSTANT / math.sqrt(2.0))
 HUBER_STEPS = 50
 HIGHEST_DEGREE = 10
@@ -121,8 +121,8 @@ class MultivariatePolynomialRegression:
     def setRobust(self, robust: bool) -> None:
         """Huber's estimator by reweighting (one output): points far off the fit count less.
 
-        The noise variance and the intervals are those of normal noise that outliers are mixed with: they are right
-        without outliers, and too wide rather than too narrow with them.
+        The noise variance and the intervals assume normal noise with outliers in it: they are right without
+        outliers, and too wide rather than too narrow with them.
         """
         if robust and self._values.shape[1] != 1:
             raise ValueError(f"The robust fit needs one output, there are {self._values.shape[1]}.")

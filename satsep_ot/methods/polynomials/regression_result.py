@@ -169,17 +169,18 @@ class MultivariatePolynomialRegressionResult:
         return ot.Point(self._fit.leverages)
 
     def getNoiseVariance(self) -> ot.Point:
-        """Unbiased estimate of the noise variance of each output (that of weight 1).
+        """Unbiased estimate of the noise variance of each output, at weight 1.
 
         Raises
         ------
         ValueError
             As many terms as points leave no residual to estimate it from.
         """
-        if self._fit.freedom <= 0:
+        variance = self._fit.noise_variance
+        if variance is None:
             points = self._fit.rank + self._fit.freedom
             raise ValueError(f"{points} points and as many terms leave no residual to estimate noise from.")
-        return ot.Point(self._fit.noise_variance)
+        return ot.Point(variance)
 
     def getLeaveOneOutResiduals(self) -> ot.Sample:
         """Errors of the fits without each point, e_i / (1 - h_i), :py:class:`openturns.Sample` (N, p)."""
@@ -256,9 +257,9 @@ class MultivariatePolynomialRegressionResult:
     def computeSpread(self, points: np.ndarray) -> np.ndarray:
         """Standard deviation of the outputs about the polynomial at points (n, d), which may vary: ndarray (n, p).
 
-        Where the inputs are active variables, it is that of g given y. The logarithm of the squared leave-one-out
-        errors is regressed on a
-        quadratic, or on the regression's own degree if that is less (Harvey, Econometrica 44, 1976).
+        If the inputs are active variables y, it is the standard deviation of g given y. The logarithm of the squared
+        leave-one-out errors is regressed on a quadratic, or on the regression's own degree if that is less (Harvey,
+        Econometrica 44, 1976).
 
         Raises
         ------

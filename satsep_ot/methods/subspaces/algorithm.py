@@ -37,7 +37,7 @@ class ActiveSubspaceAlgorithm:
     Where OpenTURNS would take differences with its fixed absolute step, differences in the standard space are
     taken here, with a step from the estimated noise of the function.
 
-    The default dimension is that of the separated log-gap
+    The default dimension comes from the separated log-gap
     (:func:`~satsep_ot.methods.subspaces.dimension.gap_dimension`); the ladle, the share of
     energy and nested cross-validation of the surrogate are reported where they disagree.
 
@@ -187,7 +187,7 @@ class ActiveSubspaceAlgorithm:
         target : float or None
             In (0, 1); None (default) takes the sampling size as it is.
         maximumSamplingSize : int, optional
-            Where to stop anyhow, by default ten times the default sampling size; the result's
+            Number of points to stop at in any case, by default ten times the default sampling size; the result's
             :meth:`~ActiveSubspaceResult.getRemarks` then says so.
         """
         if target is not None and not 0.0 < target < 1.0:
@@ -197,7 +197,7 @@ class ActiveSubspaceAlgorithm:
             self._maximumSamplingSize = _integer("maximum sampling size", maximumSamplingSize, 1)
 
     def getEvaluationNumber(self) -> int:
-        """Evaluations of the function so far, those of finite differences and of the noise included."""
+        """Evaluations of the function so far, including finite differences and the estimate of the noise."""
         return self._evaluations
 
     def getGradientNumber(self) -> int:

@@ -34,7 +34,7 @@ class SubspaceAnalysis:
     gradients : ndarray (M, d, p)
     weights : ndarray (M,) or None
     variances, scales : ndarray (p,)
-        Variance of each output, and what its part of the matrix is divided by.
+        Variance of each output, and the divisor of its part of the matrix.
     eigenvalues : ndarray (d,)
     vectors : ndarray (d, d)
     resolved : int
@@ -44,7 +44,7 @@ class SubspaceAnalysis:
     eigenvalueReplicates : ndarray (size, d)
     vectorReplicates : ndarray (size, d, k)
     distances : ndarray (size, k)
-        Of the subspaces of dimension 1 to k from those of the replicates.
+        Distance ||W W^T - V V^T||_2 of the replicates' subspaces of dimension 1 to k from the estimate.
     constant : bool
         Whether the gradients are 0 up to rounding and noise.
     choices : dict
@@ -83,7 +83,7 @@ class SubspaceAnalysis:
 
     @property
     def upper_distance(self) -> float:
-        """Upper 95 % band of the distance of the active subspace from that of the replicates."""
+        """Upper 95 % band of the distance between the active subspace and its replicates."""
         if self.dimension == 0:
             return 1.0
         return float(quantile_bands(self.distances, 0.95)[1][self.dimension - 1])

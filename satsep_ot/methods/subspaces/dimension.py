@@ -13,7 +13,7 @@ from satsep_ot.methods.subspaces.variables import surrogate_degree
 # Candidates for the dimension are 0 to this: a surrogate of more active variables is no gain.
 LARGEST_DIMENSION = 10
 # What makes a gap: its least factor, and its least share of the widest one on the logarithmic scale. Chosen on the
-# first group of spectra of tests/benchmarks/dimension_trial.py; the second group shows what that is worth elsewhere.
+# first group of spectra of tests/benchmarks/dimension_trial.py; the second group tests the choice.
 LEAST_GAP = 1.8
 LEAST_GAP_SHARE = 0.3
 # Eigenvalues below this share of the largest are not worth a direction.
@@ -67,7 +67,7 @@ def gap_dimension(
     The dimension is the last gap before ``largest`` + 1 that is at least a factor of 1.8, at least 0.3 of the widest
     one on the logarithmic scale, and wider than what resampling under isotropy explains: what is left of every
     gradient is turned at random, keeping its length, and the gap of such samples has the k-th gap beyond its quantile
-    of the given level. Eigenvalues below 1e-4 of the largest count as equal. The idea is that of parallel analysis
+    of the given level. Eigenvalues below 1e-4 of the largest count as equal. The idea comes from parallel analysis
     (Horn, Psychometrika 30, 1965), with the lengths of the actual gradients instead of normal data.
 
     Parameters
@@ -99,7 +99,7 @@ def gap_dimension(
         return 1
     rows = stacked_rows(gradients, scales, None).reshape(count, p, d)
     share = np.ones(count) if weights is None else np.sqrt(weights)
-    # Where a gradient, or what is left of it, is as good as 0, the function does not vary: no measure of its length.
+    # A gradient (or its remainder) below this length counts as 0: the function does not vary there.
     negligible = math.sqrt(EIGENVALUE_FLOOR * (rows**2).sum() / count)
     gaps: list[float] = []
     remainders = []
@@ -126,7 +126,7 @@ def gap_dimension(
 def _shortened(rows, used, negligible):
     """Rows (M, p, m) of each point, made shorter where they are longer than the median.
 
-    The median is that of the used points whose length is not negligible.
+    The median is taken over the used points whose length is not negligible.
     """
     lengths = np.sqrt((rows**2).sum(axis=(1, 2)))
     measured = lengths[used & (lengths > negligible)]

@@ -6,7 +6,7 @@ from scipy import linalg
 
 # Below this many rows for each input, a bootstrap replicate may span less than the whole sample.
 ROWS_FOR_CHOLESKY = 4
-# A quantile below this share of the estimate is that of replicates with too few different rows to resolve it.
+# A quantile below this share of the estimate comes from replicates with too few different rows to resolve it.
 LEAST_REFLECTED = 1e-2
 
 
@@ -196,7 +196,7 @@ def reflected_bands(estimate: np.ndarray, replicates: np.ndarray, level: float) 
     Returns
     -------
     lower, upper : ndarray (k,)
-        Plain quantiles where the lower one is 0 or as good as that.
+        Plain quantiles if the lower one is below 1 % of the estimate.
 
     Examples
     --------

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.subspaces.noise import estimate_noise
+from satsep_ot.openturns_adapter import callFunction
 
 # Points handed to the model at once when differences are taken.
 DIFFERENCE_BLOCK = 20000
@@ -124,7 +125,7 @@ class StandardModel:
         parts = []
         for start in range(0, len(points), DIFFERENCE_BLOCK):
             physical = self._space.toPhysical(points[start : start + DIFFERENCE_BLOCK])
-            values = np.array(self._function(physical))
+            values = callFunction(self._function, physical)
             self.evaluations += len(values)
             if not np.isfinite(values).all():
                 row = int((~np.isfinite(values).all(axis=1)).argmax())

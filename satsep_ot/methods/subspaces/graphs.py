@@ -51,7 +51,8 @@ def drawSufficientSummary(
         mesh = np.column_stack([np.tile(first, 41), np.repeat(second, 41)])
         surface = fit.predict(mesh)
         # Lines and points share their colours: where they differ, other variables matter.
-        # What the regression makes of corners without points would take all the colours: the range is that of the runs.
+        # The colours span the range of the runs: corners without points, where the regression extrapolates, would
+        # take them all.
         edges = np.linspace(values.min(), values.max(), len(COLOURS) + 1)
         levels = [level_ for level_ in edges if surface.min() < level_ < surface.max()]
         if levels:
@@ -79,7 +80,7 @@ def drawSufficientSummary(
     line.setColor("black")
     graph.add(line)
     variance = fit.noise_variance
-    if np.isfinite(variance):
+    if variance is not None:
         quantile = ot.Student(float(len(values) - fit.rank)).computeQuantile(0.5 + 0.5 * level)[0]
         half = quantile * np.sqrt(variance * (1.0 + fit.relative_variance(grid)))
         for bound, legend in ((curve - half, f"{100 * level:g} % band"), (curve + half, "")):

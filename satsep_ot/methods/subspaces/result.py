@@ -288,7 +288,7 @@ class ActiveSubspaceResult:
         return ot.Interval(lower, upper)
 
     def getEvaluationNumber(self) -> int:
-        """Evaluations of the function, those of finite differences and of the noise included."""
+        """Evaluations of the function, including finite differences and the estimate of the noise."""
         return self._analysis.evaluations
 
     def getGradientNumber(self) -> int:
@@ -317,7 +317,7 @@ class ActiveSubspaceResult:
         Returns
         -------
         :class:`~satsep_ot.methods.polynomials.regression_result.MultivariatePolynomialRegressionResult`
-            Of degree 4, or less where there are not two points for each term.
+            Of degree 4, or less if there are fewer than two points for each term.
 
         Notes
         -----

@@ -125,7 +125,7 @@ class RidgeApproximation:
         self._weights = weights
 
     def setStartsNumber(self, starts: int) -> None:
-        """Random starts beside those of the quadratic fit (default 2)."""
+        """Number of random starts beside the starts from the quadratic fit (default 2)."""
         if starts < 0:
             raise ValueError(f"The number of random starts must be at least 0, got {starts}.")
         self._starts = starts

@@ -32,7 +32,7 @@ class RidgeFit:
     polynomial : PolynomialFit
         Fit on the active variables W^T u.
     loss : float
-        Weighted residual sum of squares over that of the weighted mean, averaged over the outputs.
+        Weighted residual over weighted total sum of squares, averaged over the outputs.
     converged : bool
         Whether the last step fell below the tolerance.
     iterations : int
@@ -110,8 +110,8 @@ def _basis(dimension, degree):
 class _VariableProjection:
     """Loss, gradient and Gauss-Newton matrix on the Grassmann manifold (Hokanson and Constantine 2018).
 
-    The polynomial is eliminated: for given W its coefficients are those of least squares, and the
-    Jacobian of the residual is that of Golub and Pereyra (1973).
+    The polynomial is eliminated: for given W its coefficients follow by least squares, with the Jacobian of the
+    residual by Golub and Pereyra (1973).
     """
 
     def __init__(self, points, values, dimension, degree, weights):
@@ -232,7 +232,7 @@ def fit_ridge(
     weights : ndarray (n,), optional
         Not negative.
     starts : int
-        Random subspaces (from ``ot.RandomGenerator``) tried beside those of the quadratic fit.
+        Random subspaces (from ``ot.RandomGenerator``) tried beside the subspaces of the quadratic fit.
     initial : ndarray (d, r), optional
         A subspace to start from: then no other start is tried.
     steps : int
@@ -284,7 +284,7 @@ def fit_ridge(
     magnitude = np.abs(columns).max(axis=0)
     varying = variance > (1e-14 * magnitude) ** 2
     if dimension == 0 or not varying.any():
-        # A constant has no direction of its own: any will do and the loss is that of the mean.
+        # A constant has no direction of its own: any will do, and the loss is the loss of the mean.
         directions = np.eye(d, dimension)
         return _finish(directions, points, values, degree, weights, varying, True, 0)
     scaled = centred[:, varying] / np.sqrt(variance[varying])
