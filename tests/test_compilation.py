@@ -94,6 +94,19 @@ def test_without_a_cache_this_process_compiles_and_says_so(monkeypatch):
     assert names["double"](2.0) == 4.0
 
 
+def test_the_digest_changes_with_any_source_below_the_folder(tmp_path):
+    (tmp_path / "deeper").mkdir()
+    files = [tmp_path / "a.py", tmp_path / "deeper" / "b.py"]
+    for file in files:
+        file.write_text("x = 1\n")
+    digests = {compilation._digest(tmp_path)}
+    for file in files:
+        file.write_text("x = 2\n")
+        digests.add(compilation._digest(tmp_path))
+    assert len(digests) == 3
+    assert compilation._digest(tmp_path) in digests
+
+
 def test_one_compilation_serves_all_separations():
     for _, separation in kinds_of_separations():
         simulate_with_gradients(separation)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from satsep_ot.dynamics.kernels.vectors import rotation
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import ForceLine, force_of
+from satsep_ot.dynamics.springs import force_of
 
 _NODES = 16  # of a quadrature
 _PIECES = 8  # of the time between two events: the force bends at the knots of a table
@@ -113,21 +113,7 @@ def spring_strokes(separation: Separation, states: ArrayLike) -> np.ndarray:
     >>> print([f"{stroke:.4f}" for stroke in spring_strokes(separation, path.states)[:, 0]])
     ['0.0000', '0.0112']
     """
-    states, springs, stowed = np.asarray(states, dtype=float), separation.springs, separation.stowed_length
-    seats, guides = springs.seats(), springs.guides()
-    # A stowed strut lies along its guide: the platform's seat is recessed by l_0 n, the satellite raised by l_0 y.
-    platform_seats = seats + stowed * (np.array([0.0, 1.0, 0.0]) - guides) - separation.platform.center_of_mass
-    strokes = np.empty((len(states), len(springs)))
-    plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (len(states), 1)))
-    for i, seat in enumerate(seats - separation.satellite.center_of_mass):
-        delta = states[:, 0:3] + _turned(states[:, 12:16], np.tile(seat, (len(states), 1))) - platform_seats[i]
-        if separation.force_line == ForceLine.GUIDED:
-            strokes[:, i] = delta @ guides[i]
-        elif separation.force_line == ForceLine.STRUT:
-            strokes[:, i] = np.linalg.norm(delta, axis=1) - stowed
-        else:
-            strokes[:, i] = np.sum(delta * plate, axis=1) / (plate @ guides[i])
-    return strokes
+    return _strokes_and_shares(separation, np.asarray(states, dtype=float))[0]
 
 
 def spring_work(separation: Separation, start: ArrayLike, end: ArrayLike) -> np.ndarray:
@@ -195,9 +181,8 @@ def push_starts(separation: Separation) -> np.ndarray:
 def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1e-8) -> np.ndarray:
     """What friction in its guide takes of the work of each spring of the nominal run, the integral of its power.
 
-    With the force f of the spring, the angle a between the rod and the plate's normal and the friction coefficient mu,
-    the balance of the rod, f = N (cos a + mu sin a), leaves N cos a for the bodies: friction takes f - N cos a. Gauss
-    quadrature between the events of the run.
+    The force line says which share of the spring's force reaches the bodies (see
+    `satsep_ot.dynamics.kernels.force_lines`): friction takes the rest. Gauss quadrature between the events of the run.
 
     Parameters
     ----------
@@ -225,8 +210,7 @@ def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1
     True
     """
     springs, starts, loss = separation.springs, push_starts(separation), np.zeros(len(separation.springs))
-    friction = separation.guide_friction
-    if not friction:
+    if not separation.guide_friction:
         return loss
     nodes, weights = legendre.leggauss(_NODES)
     # From values at the nodes to derivatives there, on [-1, 1].
@@ -237,14 +221,30 @@ def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1
     ends = np.concatenate([np.linspace(start, end, _PIECES, endpoint=False) for start, end in pairwise(events)])
     for start, end in pairwise([*ends, events[-1]]):
         states = trajectory(separation, 0.5 * (start + end + (end - start) * nodes), tolerance=tolerance).states
-        strokes = spring_strokes(separation, states)
-        plate = _turned(states[:, 12:16], np.tile([0.0, 1.0, 0.0], (_NODES, 1)))
+        strokes, shares = _strokes_and_shares(separation, states)
         for i in np.flatnonzero((starts <= start) & (end <= releases)):
-            cosine = plate @ springs.guides()[i]
-            sine = np.sqrt(np.maximum(0.0, 1.0 - cosine**2))
-            taken = friction * sine / (cosine + friction * sine) * force_of(springs, i, strokes[:, i])
+            taken = (1.0 - shares[:, i]) * force_of(springs, i, strokes[:, i])
             loss[i] += weights @ (taken * (differentiate @ strokes[:, i]))
     return loss
+
+
+def _strokes_and_shares(separation, states):
+    """The stroke of each spring, and the share of its force that reaches the bodies, as its line says: (T, N) each."""
+    springs, stowed = separation.springs, separation.stowed_length
+    ring, guides = springs.seats(), springs.guides()
+    # A stowed strut lies along its guide: the platform's seat is recessed by l_0 n, the satellite raised by l_0 y.
+    platform_seats = ring + stowed * ([0.0, 1.0, 0.0] - guides) - separation.platform.center_of_mass
+    satellite_seats = ring - separation.satellite.center_of_mass
+    result = np.empty((2, len(states), len(springs)))
+    for k, state in enumerate(states):
+        turn = np.array(rotation(state[12:16])).reshape(3, 3)
+        deltas = state[:3] + satellite_seats @ turn.T - platform_seats
+        for i, delta in enumerate(deltas):
+            stroke, _, _, share = separation.force_line.function(
+                delta, guides[i], turn[:, 1], stowed, separation.guide_friction
+            )
+            result[:, k, i] = stroke, share
+    return result
 
 
 def _reduced_mass(separation):

@@ -114,6 +114,28 @@ def parameter_fields(owner: type) -> dict[str, Parameter]:
     }
 
 
+def record_fields(owner: type) -> list[tuple]:
+    """The same as fields of a record of numbers: names, and how many numbers where they are several.
+
+    Parameters
+    ----------
+    owner : type
+
+    Returns
+    -------
+    fields : list of tuple
+
+    Examples
+    --------
+    >>> from satsep_ot.dynamics.parameter_vector import record_fields
+    >>> from satsep_ot.dynamics.separation import Body
+    >>> record_fields(Body)
+    [('mass', 'f8'), ('inertia', 'f8', 6), ('center_of_mass', 'f8', 3)]
+    """
+    sizes = {name: len(field.elements) for name, field in parameter_fields(owner).items()}
+    return [(name, "f8") if size == 1 else (name, "f8", size) for name, size in sizes.items()]
+
+
 def places(owner: type, path: str = "", index: int | None = None) -> list[Place]:
     """The places of the numbers of a dataclass in the flat parameter vector.
 

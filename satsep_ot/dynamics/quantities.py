@@ -33,6 +33,8 @@ class Quantity(NamedTuple):
         From the same to its derivatives with respect to them, shape (n, m).
     part_of : str
         The quantity that this one is a part of, as the clearance of one point is; empty for the others.
+    norm_of : tuple of str
+        The smooth quantities that this one is the norm of (of one, its absolute value): surrogates are made of these.
     """
 
     unit: str
@@ -41,6 +43,7 @@ class Quantity(NamedTuple):
     value: Callable
     gradient: Callable
     part_of: str = ""
+    norm_of: tuple[str, ...] = ()
 
 
 def scaled(unit: str, description: str, field: str, factor: float = 1.0) -> Quantity:
@@ -50,15 +53,20 @@ def scaled(unit: str, description: str, field: str, factor: float = 1.0) -> Quan
     )
 
 
-def norm(unit: str, description: str, fields: tuple[str, ...], factor: float = 1.0) -> Quantity:
-    """The length of the vector of several fields, in another unit."""
+def norm(
+    unit: str, description: str, fields: tuple[str, ...], factor: float = 1.0, norm_of: tuple[str, ...] = ()
+) -> Quantity:
+    """The length of the vector of several fields, in another unit; `norm_of` as in `Quantity`."""
 
     def gradient(values):
         length = np.linalg.norm(values, axis=1, keepdims=True)
         # A norm has no gradient at 0: 0 is one of its subgradients.
         return factor * values / np.where(length > 0.0, length, 1.0)
 
-    return Quantity(unit, description, fields, lambda values: factor * np.linalg.norm(values, axis=1), gradient)
+    def value(values):
+        return factor * np.linalg.norm(values, axis=1)
+
+    return Quantity(unit, description, fields, value, gradient, norm_of=norm_of)
 
 
 QUANTITIES = {
@@ -77,13 +85,17 @@ QUANTITIES = {
         "satellite rate across the separation axis, sqrt(rate_x^2 + rate_z^2)",
         ("omega_2_x", "omega_2_z"),
         DEGREES,
+        ("rate_x", "rate_z"),
     ),
-    "spin": norm("deg/s", "absolute satellite rate about the separation axis, |rate_y|", ("omega_2_y",), DEGREES),
+    "spin": norm(
+        "deg/s", "absolute satellite rate about the separation axis, |rate_y|", ("omega_2_y",), DEGREES, ("rate_y",)
+    ),
     "tip_off_rate": norm(
         "deg/s",
         "magnitude of the satellite's rate at the last release, sqrt(rate_x^2 + rate_y^2 + rate_z^2)",
         ("omega_2_x", "omega_2_y", "omega_2_z"),
         DEGREES,
+        ("rate_x", "rate_y", "rate_z"),
     ),
     "lateral_velocity": norm(
         "m/s",

@@ -13,10 +13,19 @@ from typing import Annotated
 
 import numpy as np
 
-from satsep_ot.dynamics.kernels.records import LARGEST
+from satsep_ot.dynamics.kernels.records import LARGEST, named, record
 from satsep_ot.dynamics.kernels.status import Status as Status
 from satsep_ot.dynamics.orbit import Array, Orbit
-from satsep_ot.dynamics.parameter_vector import AXES, TENSOR, Parameter, Place, Sign, parameter_fields, places
+from satsep_ot.dynamics.parameter_vector import (
+    AXES,
+    TENSOR,
+    Parameter,
+    Place,
+    Sign,
+    parameter_fields,
+    places,
+    record_fields,
+)
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.springs import ForceLine, Springs
@@ -199,6 +208,7 @@ class Separation:
             if value.shape != (size,):
                 raise ValueError(f"{name} = {getattr(self, name)!r}; {size} numbers are allowed")
             object.__setattr__(self, name, value)
+        object.__setattr__(self, "force_line", ForceLine(self.force_line))
         norm = np.linalg.norm(self.attitude)
         if not 0.0 < norm < np.inf:
             raise ValueError(f"attitude = {self.attitude.tolist()}; a quaternion of norm above 0 is allowed")
@@ -374,6 +384,11 @@ class Separation:
         position = self.orbit.position + turn @ arm
         return np.concatenate([[self.orbit.mu], position, self.orbit.velocity + turn @ np.cross(self.rates, arm)])
 
+
+# The flat parameter vector as the kernels take it: this record, one for each spring, then the offset of each plane.
+_BODY_PARAMETERS = record(*record_fields(Body))
+PARAMETERS = named(("platform", _BODY_PARAMETERS), ("satellite", _BODY_PARAMETERS), *record_fields(Separation))
+SPRING_PARAMETERS = named(*record_fields(Springs))
 
 _COMMON_PLACES = [*places(Body, "platform"), *places(Body, "satellite"), *places(Separation)]
 

@@ -30,7 +30,15 @@ from satsep_ot.dynamics.kernels.records import (
 from satsep_ot.dynamics.quantities import STATE_FIELDS, base_fields, quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches
 from satsep_ot.dynamics.rotations import rotation_matrix
-from satsep_ot.dynamics.separation import PLATFORM, SATELLITE, Separation, Status, invalid_parameter
+from satsep_ot.dynamics.separation import (
+    PARAMETERS,
+    PLATFORM,
+    SATELLITE,
+    SPRING_PARAMETERS,
+    Separation,
+    Status,
+    invalid_parameter,
+)
 from satsep_ot.dynamics.springs import spring_records
 
 SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
@@ -53,11 +61,11 @@ def _buffers(separation, slots):
         tapes=np.zeros((slots, MAXIMUM_STEPS + 1), records.TAPE),
         steps=np.zeros(1, records.STEP),
         progress=np.zeros(1, records.PROGRESS),
-        parameters=np.zeros(1, records.PARAMETERS),
-        spring_parameters=np.zeros(spring_number, records.SPRING_PARAMETERS),
+        parameters=np.zeros(1, PARAMETERS),
+        spring_parameters=np.zeros(spring_number, SPRING_PARAMETERS),
         offsets=np.empty(plane_number),
-        gradients=np.zeros(LANES, records.PARAMETERS),
-        spring_gradients=np.zeros((LANES, spring_number), records.SPRING_PARAMETERS),
+        gradients=np.zeros(LANES, PARAMETERS),
+        spring_gradients=np.zeros((LANES, spring_number), SPRING_PARAMETERS),
         offset_gradients=np.empty((LANES, plane_number)),
         chains=np.zeros(1, records.CHAIN_ADJOINT),
         constants=np.zeros(1, records.CONSTANTS_ADJOINT),

@@ -6,7 +6,6 @@ import numpy as np
 
 from satsep_ot.dynamics.invariants import spring_work
 from satsep_ot.dynamics.separation import Separation
-from satsep_ot.dynamics.springs import ForceLaw
 
 
 def push_energy(separation: Separation) -> float:
@@ -28,7 +27,7 @@ def push_energy(separation: Separation) -> float:
     16.5
     """
     springs = separation.springs
-    linear = springs.laws == ForceLaw.LINEAR
+    linear = springs.law_property("has_stiffness")
     way = np.where(linear, np.minimum(springs.stroke, springs.deformation), springs.stroke)
     return float(spring_work(separation, np.zeros(len(springs)), way).sum())
 

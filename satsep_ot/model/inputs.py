@@ -9,7 +9,6 @@ import openturns as ot
 
 from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.separation import Separation
-from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.distributions import quantile_range
 from satsep_ot.model.parameters import parameter_rows
 from satsep_ot.model.values import Unit
@@ -194,10 +193,12 @@ def umbilical_springs(separation: Separation) -> list[int]:
     []
     """
     springs = separation.springs
+    pushes, holds_back = springs.law_property("has_stiffness"), springs.law_property("holds_back")
     return [
         i
         for i in range(len(springs) - 1)
-        if (springs.laws[i], springs.laws[i + 1]) == (ForceLaw.LINEAR, ForceLaw.FRICTION)
+        if pushes[i]
+        and holds_back[i + 1]
         and (springs.angle[i], springs.radius[i]) == (springs.angle[i + 1], springs.radius[i + 1])
     ]
 

@@ -12,7 +12,6 @@ from satsep_ot.dynamics.parameter_vector import TENSOR, Sign
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Status, inertia_tensor, is_inertia
 from satsep_ot.dynamics.simulation import simulate
-from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.case import Case, Requirement
 from satsep_ot.model.distributions import interval_digits, quantile_range
 from satsep_ot.model.hand_formulas import push_energy, push_velocity
@@ -170,7 +169,7 @@ def _push_warnings(separation):
     if acceleration > _LARGEST_ACCELERATION:
         yield f"springs: they accelerate the satellite by {acceleration / 9.80665:.3g} g at the start (N/m?)"
     springs = separation.springs
-    if np.any((springs.laws == ForceLaw.LINEAR) & (springs.stroke > springs.deformation)):
+    if np.any(springs.law_property("has_stiffness") & (springs.stroke > springs.deformation)):
         yield "springs: a stroke is longer than the deformation; that spring lets go where it is relaxed"
     for axis, rate in zip("xyz", np.degrees(separation.rates), strict=True):
         if abs(rate) > _LARGEST_RATE:

@@ -257,7 +257,7 @@ class SeparationProblem:
         names, smooth = [], set()
         for quantity in (entry.quantity for entry in requirements):
             parts = self._smooth_components(quantity)
-            names += parts if quantity in _COMPOSED else [quantity, *parts]
+            names += parts if self._quantities[quantity].norm_of else [quantity, *parts]
             smooth |= set(parts)
         names = list(dict.fromkeys(names))
         return names, [name for name in names if name in smooth]
@@ -290,14 +290,14 @@ class SeparationProblem:
 
     def _smooth_components(self, quantity):
         """Names of the smooth quantities that this one is, or nearly always is, made of."""
-        if quantity in _COMPOSED:
-            return list(_COMPOSED[quantity])
+        if self._quantities[quantity].norm_of:
+            return list(self._quantities[quantity].norm_of)
         return [name for name, entry in self._quantities.items() if entry.part_of == quantity] or [quantity]
 
     def _quantity(self, quantity, variables, exact):
         """A quantity as a native function of the variables: its smooth components, or (exact) the clearance itself."""
-        if quantity in _COMPOSED:
-            parts = _COMPOSED[quantity]
+        parts = self._quantities[quantity].norm_of
+        if parts:
             outer = _norm(len(parts)) if len(parts) > 1 else _absolute_value()
         elif quantity == "clearance" and not exact:
             parts = self._smooth_components(quantity)
@@ -320,14 +320,6 @@ class SeparationProblem:
             scale = abs(nominal.quantity(entry.quantity)[0] - entry.limit) or abs(entry.limit) or 1.0
             slopes[k, k] = (-1.0 if entry.is_maximum else 1.0) / scale
         return ot.LinearFunction([entry.limit for entry in requirements], [0.0] * len(requirements), slopes)
-
-
-# Quantities that are a norm of smooth ones, or the absolute value of one.
-_COMPOSED = {
-    "lateral_rate": ("rate_x", "rate_z"),
-    "spin": ("rate_y",),
-    "tip_off_rate": ("rate_x", "rate_y", "rate_z"),
-}
 
 
 def _described(function, inputs, output):

@@ -188,6 +188,8 @@ def end_sweep(outputs, parameters, run, sweep, gradients):
         if run.springs[i].is_pushing:
             collect_sums(i, 1.0, run, sweep)
     for n in range(LANES):
+        for k in range(gradients.common[n].x.shape[0]):
+            gradients.common[n].x[k] = 0.0
         initial_state_adjoint(parameters, run, sweep, n, gradients.common[n])
     rotation_adjoint(state.Q, chain.rotation, chain.state.Q)
     for n in range(LANES):

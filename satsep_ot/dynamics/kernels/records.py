@@ -65,31 +65,6 @@ def _state(*lanes):
 STATE = _state()
 STATE_SIZE = STATE["x"].shape[0]
 
-# The flat vector of parameters: this record, one for each spring, then the offset of each plane.
-BODY_PARAMETERS = record(("mass", NUMBER), ("inertia", NUMBER, 6), ("center_of_mass", *VECTOR))
-PARAMETERS = named(
-    ("platform", BODY_PARAMETERS),
-    ("satellite", BODY_PARAMETERS),
-    ("rates", *VECTOR),
-    ("mounting_error", *VECTOR),
-    ("stowed_length", NUMBER),
-    ("recess_radius", NUMBER),
-    ("recess_depth", NUMBER),
-    ("impulse", *VECTOR),
-    ("angular_impulse", *VECTOR),
-    ("guide_friction", NUMBER),
-)
-SPRING_PARAMETERS = named(
-    ("angle", NUMBER),
-    ("radius", NUMBER),
-    ("stiffness", NUMBER),
-    ("deformation", NUMBER),
-    ("stroke", NUMBER),
-    ("cant", NUMBER),
-    ("delay", NUMBER),
-    ("scale", NUMBER),
-)
-
 BODY = record(("inertia", *MATRIX), ("inverse_inertia", *MATRIX), ("center_of_mass", *VECTOR))
 
 # The orbit of the platform's CG is expanded about an anchor.
@@ -258,19 +233,19 @@ class Run(NamedTuple):
 
 
 class Parameters(NamedTuple):
-    """The parameters of one run: the flat vector and its parts."""
+    """The parameters of one run: the flat vector and its parts, see `satsep_ot.dynamics.separation.PARAMETERS`."""
 
     vector: Any  # (P,)
-    common: Any  # record PARAMETERS
-    springs: Any  # SPRING_PARAMETERS (N,)
+    common: Any  # record
+    springs: Any  # records (N,)
     offsets: Any  # of the planes (W,)
 
 
 class Gradients(NamedTuple):
     """The derivatives of LANES outputs with respect to them."""
 
-    common: Any  # PARAMETERS (LANES,)
-    springs: Any  # SPRING_PARAMETERS (LANES, N)
+    common: Any  # records (LANES,)
+    springs: Any  # records (LANES, N)
     offsets: Any  # (LANES, W)
 
 
@@ -336,9 +311,9 @@ class Buffers(NamedTuple):
     tapes: Any  # TAPE (S, MAXIMUM_STEPS + 1)
     steps: Any  # STEP (1,)
     progress: Any  # PROGRESS (1,)
-    parameters: Any  # PARAMETERS (1,)
-    spring_parameters: Any  # SPRING_PARAMETERS (N,)
-    offsets: Any  # (W,)
+    parameters: Any  # see Parameters
+    spring_parameters: Any
+    offsets: Any
     gradients: Any  # see Gradients
     spring_gradients: Any
     offset_gradients: Any

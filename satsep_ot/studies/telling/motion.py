@@ -9,7 +9,6 @@ from satsep_ot.dynamics.invariants import spring_strokes
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import Separation, Status
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import ForceLaw
 from satsep_ot.model.run_document import spring_names
 
 
@@ -87,5 +86,5 @@ def compute_motion(
         centres=centre,
         attitudes=turns,
         names=tuple(spring_names(separation)),
-        pins=np.array([law == ForceLaw.FRICTION for law in separation.springs.laws]),
+        pins=separation.springs.law_property("holds_back"),
     )

@@ -1,0 +1,93 @@
+"""Each recipe of docs/extending.md is done as the page says it, and the answers are those of closed forms."""
+
+import json
+import math
+
+import pytest
+from recipes import Recipe
+
+# A law is added to a copy: the push of four such springs on each force line, then of one beside three linear ones.
+FADING = """
+import json
+from dataclasses import replace
+import satsep_ot
+from satsep_ot.dynamics.separation import Springs
+from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.dynamics.springs import ForceLaw, ForceLine
+
+separation = satsep_ot.SeparationProblem("reference").getCase().separation
+angle, results = separation.springs.angle, {"file": satsep_ot.__file__}
+
+
+def add(name, **changes):
+    outcome = simulate(replace(separation, **changes))
+    assert outcome.status[0] == 0, outcome.explain(0)
+    results[name] = [outcome.quantity("axial_velocity")[0], outcome.quantity("lateral_rate")[0]]
+
+
+four = Springs(angle, 0.3, 0.0, 0.0, 0.03, laws=[ForceLaw.FADING] * 4)
+for line in ForceLine:
+    add(line.name, springs=four, force_line=line, stowed_length=0.04 if line.has_stowed_length else 0.0)
+laws = [ForceLaw.LINEAR] * 3 + [ForceLaw.FADING]
+for radius in (0.3, 0.0):
+    springs = Springs(angle, radius, [5500.0] * 3 + [0.0], [0.04] * 3 + [0.0], 0.03, laws=laws)
+    add(str(radius), springs=springs)
+print(json.dumps(results))
+"""
+
+
+@pytest.mark.slow
+def test_a_force_law(tmp_path):
+    recipe = Recipe("A force law", tmp_path)
+    (function,), (row,) = recipe.python_blocks(), recipe.rows()
+    path = "satsep_ot/dynamics/kernels/force_laws.py"
+    recipe.insert(path, function + "\n", before="class Law(")
+    recipe.insert(path, f"    {row}\n", before="    function: Callable\n    is_linear: bool\n")
+    results = json.loads(recipe.run("-c", FADING))
+    assert results.pop("file").startswith(str(tmp_path))
+    # The energy says how fast the bodies part: 100 N exp(-s / 20 mm) over 30 mm, and K L (xi - L / 2) each.
+    reduced_mass = 1.0 / (1.0 / 1200.0 + 1.0 / 100.0)
+    fading, linear = 100.0 * 0.02 * (1.0 - math.exp(-1.5)), 5500.0 * 0.03 * 0.025
+    four, mixed = (math.sqrt(2.0 * energy / reduced_mass) for energy in (4.0 * fading, 3.0 * linear + fading))
+    assert (four, mixed) == pytest.approx((0.36696, 0.549354), rel=1e-5)
+    # Gravity and the rates of the stack have a part in the sixth digit.
+    for line in ("GUIDED", "STRUT", "NORMAL"):
+        assert results[line][0] == pytest.approx(four, rel=2e-6), line
+    assert results["0.0"][0] == pytest.approx(mixed, rel=2e-6)
+    # Off the axis a part of the energy turns the bodies; the numbers are those of an independent computation.
+    assert results["0.3"] == pytest.approx([0.54388, 13.89], rel=4e-4)
+    # The contract of all laws, on each force line.
+    assert " passed" in recipe.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_force_contract.py")
+
+
+TUMBLE = """
+import json
+import numpy as np
+import satsep_ot
+from satsep_ot.dynamics.simulation import simulate_with_gradients, trajectory
+
+separation = satsep_ot.SeparationProblem("reference").getCase().separation
+nominal = separation.parameters()
+i = separation.parameter_names().index("platform.center_of_mass.x")
+rows = np.tile(nominal, (3, 1))
+rows[:, i] += [0.01, 0.01 + 1e-5, 0.01 - 1e-5]
+outcome = simulate_with_gradients(separation, rows, ["stage_tumble"], tolerance=1e-12)
+rates = trajectory(separation, [], rows[0], tolerance=1e-12).last_release[6:9]
+values = outcome.quantity("stage_tumble")
+print(json.dumps([values.tolist(), np.linalg.norm(rates), outcome.quantity_gradient("stage_tumble")[0, i]]))
+"""
+
+
+@pytest.mark.slow
+def test_a_quantity_of_interest(tmp_path):
+    recipe = Recipe("A quantity of interest", tmp_path)
+    row, use = recipe.python_blocks()
+    recipe.insert("satsep_ot/dynamics/quantities.py", row)
+    (value, above, below), rate, slope = json.loads(recipe.run("-c", TUMBLE))
+    assert value == pytest.approx(rate, rel=1e-12)
+    assert value > 1e-4
+    assert slope == pytest.approx((above - below) / 2e-5, rel=1e-6)
+    # The page's own use of it, and the command.
+    assert "(3, 35, 1)" in recipe.run("-c", use)
+    document = json.loads(recipe.run("-m", "satsep_ot", "simulate", "--json"))
+    assert "stage_tumble" in document["quantities"]
