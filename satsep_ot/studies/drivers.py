@@ -76,8 +76,9 @@ def importance_shares(case: Case, result: ActiveSubspaceReliabilityResult) -> di
     Returns
     -------
     shares : dict of str to float
-        By tolerance, the largest first; they sum to 1. How far the law of each input among the violations is from its
-        law (`computeImportance`), summed over the inputs of a tolerance. Empty where the result cannot tell.
+        By tolerance, the largest first; they sum to 1. How much the distribution of each input among the violations
+        differs from its distribution among all runs (`computeImportance`), summed over the inputs of a tolerance.
+        Empty where the result cannot tell.
     """
     try:
         rows = result.computeImportance()
@@ -109,15 +110,15 @@ def scaled_distribution(case: Case, tolerance: str, scale: float) -> ot.JointDis
     """
     names = {row.name for row in tolerances(case)[tolerance]}
     rows = [
-        dataclasses.replace(row, distribution=_scaled_law(row.distribution, scale)) if row.name in names else row
+        dataclasses.replace(row, distribution=_scaled_marginal(row.distribution, scale)) if row.name in names else row
         for row in case.inputs
     ]
     return joint_distribution(rows, case.copula)
 
 
-def _scaled_law(law, scale):
-    mean = law.getMean()[0]
-    scaled = law * scale + mean * (1.0 - scale)
+def _scaled_marginal(marginal, scale):
+    mean = marginal.getMean()[0]
+    scaled = marginal * scale + mean * (1.0 - scale)
     # The sum of one variable and a constant is a distribution of that variable's kind where OpenTURNS knows it.
     return ot.Distribution(scaled)
 

@@ -78,7 +78,7 @@ def draw_density(
     probability: float | None = None,
     bins: int = 60,
 ) -> Axes:
-    """Density of a quantity: a histogram of true runs beside the surrogate's law, and the limit.
+    """Density of a quantity: a histogram of true runs beside the density by the surrogate, and the limit.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def draw_density(
         A Monte Carlo sample of the quantity.
     ax : :class:`matplotlib.axes.Axes`, optional
     density : (grid, density) of arrays, optional
-        The law of the surrogate.
+        By the surrogate.
     label, unit : str
         Of the quantity.
     limit : float, optional
