@@ -30,7 +30,8 @@ def run(options: argparse.Namespace) -> int | None:
     if options.like not in known:
         hint = did_you_mean(options.like, known)
         return fail(f"{options.like} is no case of the package; there are {', '.join(known)}{hint}", 2)
-    schema, schema_file = case_schema_text(), options.file.with_name(f"{options.file.stem}.schema.json")
+    # Not `with_name`, which a folder such as "." does not have.
+    schema, schema_file = case_schema_text(), options.file.parent / f"{options.file.stem}.schema.json"
     if schema_file.exists() and schema_file.read_bytes() != schema.encode():
         return fail(f"{schema_file} exists already and is not overwritten; give another name", 2)
     try:
