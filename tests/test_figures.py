@@ -314,6 +314,15 @@ def test_motion_of_other_parameters_than_the_nominal_ones():
     assert fast.velocity[-1] == pytest.approx(2.0 * slow.velocity[-1], rel=1e-7)
 
 
+def test_motion_of_a_run_whose_stroke_ends_beyond_its_table():
+    springs = Springs(np.array([0.8, 2.4, 3.9, 5.5]), 0.3, 0.0, 0.0, 0.03, tables=[[[0.0, 220.0], [0.03, 55.0]]] * 4)
+    separation = symmetric_separation(springs=springs)
+    parameters = separation.parameters()
+    parameters[[name.endswith("stroke") for name in separation.parameter_names()]] = 0.0305
+    motion = compute_motion(separation, parameters)
+    np.testing.assert_allclose(motion.release_strokes, 0.0305, rtol=1e-8)
+
+
 def test_run_that_fails_is_not_drawn():
     with pytest.raises(RuntimeError, match="a spring was not released within the horizon"):
         compute_motion(symmetric_separation(horizon=0.05))

@@ -3,8 +3,9 @@
 Force laws are rows of `satsep_ot.dynamics.kernels.force_laws`, force lines of `satsep_ot.dynamics.kernels.force_lines`.
 """
 
+import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -110,8 +111,12 @@ class Springs:
     def with_parameters(self, vector: np.ndarray) -> "Springs":
         """The springs that have these parameters, with the same tables and laws: the inverse of `parameters`."""
         names = parameter_fields(Springs)
-        columns = np.reshape(vector, (len(self), len(names))).T
-        return replace(self, **dict(zip(names, columns, strict=True)))
+        columns = np.array(vector, dtype=float).reshape(len(self), len(names)).T
+        # Not `replace`: a stroke that scatters may end beyond its table, which only the nominal one must not.
+        changed = copy.copy(self)
+        for name, column in zip(names, columns, strict=True):
+            object.__setattr__(changed, name, column.copy())
+        return changed
 
     def joined(self, other: "Springs") -> "Springs":
         """These springs and then those of `other`."""
