@@ -1,10 +1,10 @@
 """Options that several commands have, and the values that they take."""
 
 import argparse
+import importlib.util
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from importlib.util import find_spec
 
 CASE_HELP = "a case file, or the name of a case in the package"
 
@@ -103,7 +103,7 @@ def executor(options: argparse.Namespace) -> Iterator[Executor | Callable[[], Ex
 
         yield None if options.workers is None else processes(options.workers)
         return
-    if find_spec("distributed") is None:
+    if importlib.util.find_spec("distributed") is None:
         raise ConnectionError("--dask needs the package distributed, which satsep-ot[distributed] installs")
     from satsep_ot.methods.parallel.executors import daskExecutor
 
