@@ -91,3 +91,55 @@ def test_a_quantity_of_interest(tmp_path):
     assert "(3, 35, 1)" in recipe.run("-c", use)
     document = json.loads(recipe.run("-m", "satsep_ot", "simulate", "--json"))
     assert "stage_tumble" in document["quantities"]
+
+
+GAS = """
+import json
+import re
+import satsep_ot
+from satsep_ot.model.case import load_case, parse_case
+from satsep_ot.model.schema import case_schema
+from satsep_ot.model.separation_function import SeparationFunction
+
+text = re.sub(r"\\[orbit\\].*?(?=# \\[recontact\\])", "", load_case("reference").text, flags=re.DOTALL)
+gas = '[impulse]\\ngas_velocity = 0.25\\n[inputs]\\ngas = { quantity = "impulse.gas_velocity", sigma = "1 %" }'
+case = parse_case(text.replace("[inputs]", gas))
+function = SeparationFunction(case, quantities=["axial_velocity"])
+point = [row.reference for row in case.inputs]
+print(json.dumps({
+    "file": satsep_ot.__file__,
+    "input": [case.inputs[0].name, case.inputs[0].unit, point[0]],
+    "velocity": function.evaluate([point])[0, 0],
+    "slope": function.computeGradientSample([point])[0, 0, 0],
+    "schema": case_schema()["properties"]["impulse"]["properties"]["gas_velocity"],
+}))
+"""
+
+
+@pytest.mark.slow
+def test_a_parameter(tmp_path):
+    recipe = Recipe("An uncertain input", tmp_path)
+    field, row, physics, adjoint = recipe.rows()
+    recipe.insert("satsep_ot/dynamics/separation.py", f"    {field}", before="    recontact: Recontact | None = None")
+    table = "satsep_ot/model/parameters.py"
+    recipe.insert(table, f"    {row}", before='    Row("momentum", Vector(NEWTON_SECOND)')
+    constants = "satsep_ot/dynamics/kernels/constants.py"
+    recipe.insert(constants, f"    {physics}", before="    L_1 = minus(cross(arm, Delta_p), Delta_h)")
+    recipe.insert(constants, f"    {adjoint}", before="    put(gradient.rates, ")
+    results = json.loads(recipe.run("-c", GAS))
+    assert results.pop("file").startswith(str(tmp_path))
+    assert results["input"] == ["gas", "m/s", 0.25]
+    # The energy of the springs and that of the gas add: v^2 = 2 E / mu + v_gas^2.
+    reduced_mass = 1.0 / (1.0 / 1200.0 + 1.0 / 100.0)
+    velocity = math.sqrt(2.0 * 16.5 / reduced_mass + 0.25**2)
+    assert results["velocity"] == pytest.approx(velocity, rel=1e-7)
+    assert results["slope"] == pytest.approx(0.25 / velocity, rel=1e-6)
+    assert results["schema"]["minimum"] == 0
+    assert results["schema"]["description"].endswith("[m/s], not negative.")
+    text = (tmp_path / "satsep_ot" / "model" / "cases" / "reference.toml").read_text(encoding="utf-8")
+    text = text.replace("[inputs]", "[impulse]\ngas_velocity = 0.25\n[inputs]")
+    (tmp_path / "gas.toml").write_text(text, encoding="utf-8")
+    assert "Impulse: gas velocity 0.25 m/s" in recipe.run("-m", "satsep_ot", "check", "gas.toml")
+    # The contracts of all parameters: their places, their gradients.
+    tests = ("tests/test_parameter_vector.py", "tests/test_sensitivities.py", "-k", "not against_central or guided")
+    assert " passed" in recipe.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *tests)
