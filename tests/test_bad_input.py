@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from case_mutations import EVERY_TABLE
 from separation_cases import BOX, SQUARE, general_separation, mixed_springs, symmetric_separation
 
 from satsep_ot.dynamics.orbit import Orbit
@@ -216,56 +217,7 @@ def test_a_sample_names_row_input_and_value():
             evaluate(sample)
 
 
-CASE = """
-horizon = 20.0
-[platform]
-mass = 1200.0
-inertia = [1500.0, 600.0, 1500.0]
-center_of_mass = [0.0, -1600.0, 0.0]
-[satellite]
-mass = 100.0
-inertia = [9.35, 8.0, 9.35]
-center_of_mass = [0.0, 400.0, 0.0]
-[springs]
-angles = [45.0, 135.0, 225.0]
-radius = 300.0
-stiffness = [5500.0, 0.0, 5400.0]
-deformation = 40.0
-stroke = 30.0
-cant = 0.1
-delay = 1.0
-scale = 1.01
-table = { 2 = [[0.0, 220.0], [10.0, 170.0], [31.0, 55.0]] }
-force_line = "normal"
-guide_friction = 0.1
-[umbilical]
-angle = 30.0
-radius = 250.0
-stiffness = 2000.0
-deformation = 8.0
-stroke = 6.0
-friction = 15.0
-engagement = 5.0
-[impulse]
-momentum = [0.1, 0.2, 0.3]
-angular_momentum = [0.01, 0.02, 0.03]
-[initial]
-attitude = [10.0, 20.0, 30.0]
-rates = [0.1, 0.2, 0.3]
-velocity = [0.1, 0.2, 0.3]
-mounting_error = [0.1, 0.2, 0.3]
-[orbit]
-altitude = 500.0
-gravitational_parameter = 398600.4418
-[recontact]
-start_orbits = 0.1
-end_orbits = 0.2
-[envelope]
-points = [[350.0, 0.0, 350.0], [300.0, 500.0, 300.0]]
-recess_radius = 520.0
-recess_depth = 250.0
-planes = [{ normal = [-1.0, 0.0, 0.0], offset = -400.0 }]
-"""
+CASE = EVERY_TABLE.partition("[inputs]")[0]
 NUMBERS = [
     (line.split(" = ")[0], start + match.start(), start + match.end())
     for line, start in ((m.group(), m.start()) for m in re.finditer("^.* = .*$", CASE, re.MULTILINE))
