@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from separation_cases import general_separation, mixed_springs, symmetric_separation
 
 from satsep_ot.dynamics.parameter_vector import Sign
-from satsep_ot.dynamics.separation import Body, Springs, is_inertia
+from satsep_ot.dynamics.separation import PARAMETERS, SPRING_PARAMETERS, Body, Springs, is_inertia
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.dynamics.springs import ForceLine
 
@@ -127,3 +127,16 @@ def test_signs():
     assert [[sign.allows(value) for value in (-1.0, 0.0, 1.0)] for sign in Sign] == [
         [True, True, True], [False, False, True], [False, True, True],
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize("separation", SEPARATIONS.values(), ids=SEPARATIONS)
+def test_the_records_of_the_kernels_hold_the_vector(separation):
+    vector, size = separation.parameters(), PARAMETERS["x"].shape[0]
+    (common,) = vector[:size].view(PARAMETERS)
+    springs = vector[size : size + 8 * len(separation.springs)].view(SPRING_PARAMETERS)
+    assert common.satellite.mass == separation.satellite.mass
+    np.testing.assert_array_equal(common.platform.center_of_mass, separation.platform.center_of_mass)
+    for name in ("rates", "mounting_error", "stowed_length", "recess_depth", "angular_impulse", "guide_friction"):
+        np.testing.assert_array_equal(getattr(common, name), getattr(separation, name), err_msg=name)
+    for name in ("angle", "stroke", "delay", "scale"):
+        np.testing.assert_array_equal(springs[name], getattr(separation.springs, name), err_msg=name)

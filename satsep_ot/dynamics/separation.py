@@ -1,9 +1,9 @@
-"""A separation: its data, and its simulation from the stowed stack to the last release and out of the recess.
+"""A separation: its data, from the stowed stack to the last release and out of the recess.
 
-The model is that of Hu et al. (2017), section 2, made well-posed: see `satsep_ot.dynamics.springs` for the force lines
-and `satsep_ot.dynamics.rigid_body` for the equations of motion. A spring starts to push at its delay and is released,
-once and for all, when its stroke reaches min(L, xi): a pusher never pulls. Both instants are located as events; no
-step crosses them.
+The model is that of Hu et al. (2017), section 2, made well-posed: see `satsep_ot.dynamics.kernels.force_lines` for
+where the springs push and `satsep_ot.dynamics.kernels.rigid_body` for the equations of motion. A spring starts to push
+at its delay and is released, once and for all, when its stroke reaches min(L, xi): a pusher never pulls. Both instants
+are located as events; no step crosses them.
 """
 
 import copy
