@@ -290,9 +290,25 @@ def test_a_cluster_that_cannot_be_asked_any_more_is_named(monkeypatch):
         cluster.nthreads = away
         with pytest.raises(ChunkError, match=r"cannot be asked for its workers any more \(OSError: the sched"):
             list(results)
-        # Before there is a chunk to name, the error is that of the cluster.
+        # Before there is a chunk to name, the cluster's own error is raised.
         with pytest.raises(OSError, match="the scheduler is away"):
             run(ChunkScheduler(cluster), Late())
+
+
+def test_a_cluster_that_is_away_when_every_chunk_is_to_be_tried_again(monkeypatch, tmp_path):
+    monkeypatch.setattr(chunk_scheduler, "_WORKER_POLL", 0.0)
+
+    def away():
+        raise OSError("the scheduler is away")
+
+    def lose_cluster(values):
+        cluster.nthreads = away
+        raise ArithmeticError
+
+    with Cluster(2) as cluster:
+        one_chunk = DoublingWithFault(lose_cluster, 0.0, 1, tmp_path)
+        with pytest.raises(ChunkError, match=r"rows 0 to 1 .* 2 attempts.*cannot be asked for its workers any more"):
+            run(ChunkScheduler(cluster), one_chunk, 1)
 
 
 def test_there_are_as_many_processes_as_processors_unless_told():

@@ -246,21 +246,22 @@ class _Run:
         now = time.monotonic()
         if now - self._counted < _WORKER_POLL and (self._workers or now - self._counted < _POLL):
             return
+        pending = [attempt.chunk for attempt in self._attempts] + [chunk for chunk, _ in self._retries]
         try:
             self._counted, self._workers = now, self._scheduler.getWorkerNumber()
         except Exception as error:
-            if not self._attempts:
+            if not pending:
                 raise
             reason = f"the cluster cannot be asked for its workers any more ({type(error).__name__}: {error})"
-            raise self._attempts[0].chunk.error(reason) from error
+            raise pending[0].error(reason) from error
         limit = self._settings.clusterTimeLimit
         if self._workers:
             self._progress = now if self._deserted is not None else self._progress
             self._deserted = None
         elif self._deserted is None:
             self._deserted = self._progress = now
-        elif now - self._deserted > limit and self._attempts:
-            raise self._attempts[0].chunk.error(f"the cluster has had no worker for {limit:g} s")
+        elif now - self._deserted > limit and pending:
+            raise pending[0].error(f"the cluster has had no worker for {limit:g} s")
 
     def _mayStart(self):
         """Whether a new chunk may start: two for each worker, none beside one that must be alone."""
