@@ -91,6 +91,7 @@ def begin_sweep(run, sweep):
         run.springs[i].is_pushing = OFF
     clear(sweep.offsets)
     clear_sums(run.system)
+    run.system.number_beside = 0
 
 
 @kernel

@@ -12,6 +12,7 @@ from satsep_ot.dynamics.kernels.integration import FIRST, FOURTH_ORDER, copy_sta
 from satsep_ot.dynamics.kernels.vectors import (
     add_lane,
     add_product,
+    clear,
     cross,
     dot,
     minus,
@@ -336,8 +337,6 @@ def clearance_adjoint(state, i, n, kind, run, sweep, by_state):
     add_lane(by_state.d, n, by_p)
     add_lane(constants.platform.center_of_mass, n, by_p)
     add_lane(constants.satellite.center_of_mass, n, scaled(-1.0, transposed_times(R, by_p)))
-    for row in range(9):
-        for m in range(chain.rotation.shape[1]):
-            chain.rotation[row, m] = 0.0
+    clear(chain.rotation)
     add_product(chain.rotation, n, by_p, b)
     rotation_adjoint(state.Q, chain.rotation, by_state.Q)

@@ -52,9 +52,8 @@ def row_and_column(spring, cubics, step):
 
 @kernel
 def clear_sums(system):
-    """No spring pushes."""
+    """No spring is in the sums: exactly nothing is left of those that were."""
     system.number_in_sums = 0
-    system.number_beside = 0
     for j in range(SUM_COLUMNS):
         for n in range(SUM_ROWS):
             system.sums[j, n] = 0.0
@@ -71,9 +70,7 @@ def switch(spring, on, run):
         return
     system.number_in_sums += sign
     if system.number_in_sums == 0:
-        for j in range(SUM_COLUMNS):
-            for n in range(SUM_ROWS):
-                system.sums[j, n] = 0.0
+        clear_sums(system)
         return
     row_and_column(spring, run.cubics, run.step)
     for j in range(SUM_COLUMNS):
@@ -101,6 +98,7 @@ def start_springs(run, release_time):
     number = 0
     pushers = 0
     clear_sums(run.system)
+    run.system.number_beside = 0
     for i in range(run.springs.shape[0]):
         spring = run.springs[i]
         release_time[i] = np.nan
