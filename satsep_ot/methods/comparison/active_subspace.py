@@ -20,12 +20,6 @@ class ActiveSubspace(ReliabilityMethod):
     Notes
     -----
     `getLastResult` has all that the row does not.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
-    >>> ActiveSubspace(targetCoefficientOfVariation=0.1).name
-    'ActiveSubspace'
     """
 
     name = "ActiveSubspace"
@@ -72,12 +66,6 @@ class ActiveSubspace(ReliabilityMethod):
 class SafeActiveSubspace(ActiveSubspace):
     """`ActiveSubspace` in its mode ``"safe"``, which starts with a short subset simulation: for failure that nothing
     near the mean points at.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.active_subspace import SafeActiveSubspace
-    >>> SafeActiveSubspace(maximumEvaluations=10000).mode
-    'safe'
     """
 
     name = "SafeActiveSubspace"

@@ -23,12 +23,6 @@ class FORM(ReliabilityMethod):
         Of each solver.
     start : float
         Coordinate of the starting point in standard space.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.approximations import FORM
-    >>> FORM(start=0.2).name
-    'FORM'
     """
 
     name = "FORM"
@@ -74,12 +68,6 @@ class MultiFORM(FORM):
     Parameters
     ----------
     maximumDesignPoints : int
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.approximations import MultiFORM
-    >>> MultiFORM(maximumDesignPoints=2).name
-    'MultiFORM'
     """
 
     name = "MultiFORM"
@@ -106,12 +94,6 @@ class SORM(FORM):
     """Second-order method at FORM's design point, by Breitung's formula.
 
     The Hessian is by differences: 2 d gradients, or about 2 d^2 evaluations of a function without gradient.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.approximations import SORM
-    >>> SORM(maximumIterations=50).name
-    'SORM'
     """
 
     name = "SORM"

@@ -4,9 +4,10 @@ To add one of OpenTURNS, derive from `SimulationMethod`.
 """
 
 import abc
+import dataclasses
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import openturns as ot
@@ -21,7 +22,7 @@ from satsep_ot.methods.reliability.limit_state import Limit
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
 from satsep_ot.openturns_adapter import callFunction
 
-# Along lines through standard space: how far a limit state is looked for, and in steps of which size.
+# Search for a limit state along lines through standard space: the largest distance, and the step.
 _LARGEST_DISTANCE = 9.0
 _ROOT_STEP = 0.9871
 
@@ -35,12 +36,6 @@ class MonteCarlo(ReliabilityMethod):
         Number of evaluations.
     blockSize : int
         Evaluations at a time.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import MonteCarlo
-    >>> MonteCarlo(size=10000).name
-    'MonteCarlo'
     """
 
     name = "MonteCarlo"
@@ -63,6 +58,10 @@ class MonteCarlo(ReliabilityMethod):
         note = f"{failures} failures" + (", stopped by the stop callback" if stopped else "")
         variation = math.sqrt((1.0 - share) / (share * done)) if failures else None
         return Row(self.name, share, lower, upper, variation, converged=not stopped, note=note)
+
+
+# The settings of a method are the fields of a dataclass; two methods are equal only if they are the same object.
+_SETTINGS = dataclasses.dataclass(eq=False, repr=False)
 
 
 class SimulationMethod(ReliabilityMethod):
@@ -92,6 +91,7 @@ class SimulationMethod(ReliabilityMethod):
         return ""
 
 
+@_SETTINGS
 class SubsetSampling(SimulationMethod):
     """OpenTURNS' subset sampling.
 
@@ -101,21 +101,14 @@ class SubsetSampling(SimulationMethod):
         Evaluations of each level.
     conditionalProbability : float
         p0; blocks are p0 times the level, since larger ones break the chains.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import SubsetSampling
-    >>> SubsetSampling(levelSize=2000).name
-    'SubsetSampling'
     """
+
+    levelSize: int = 4000
+    conditionalProbability: float = 0.1
 
     name = "SubsetSampling"
     fixedSize = True
-    interval_note = "the claimed error takes the levels for independent, so the interval is somewhat short"
-
-    def __init__(self, levelSize: int = 4000, conditionalProbability: float = 0.1) -> None:
-        self.levelSize = int(levelSize)
-        self.conditionalProbability = conditionalProbability
+    interval_note = "the claimed error treats the levels as independent, so the interval is somewhat short"
 
     def build(self, problem: CountedProblem) -> Any:
         algorithm = ot.SubsetSampling(problem.event)
@@ -133,6 +126,7 @@ class SubsetSampling(SimulationMethod):
         return f"the levels ended at {reached:g}, short of the threshold {problem.event.getThreshold():g}"
 
 
+@_SETTINGS
 class ImportanceSampling(SimulationMethod):
     """FORM, then importance sampling around its design point (OpenTURNS' PostAnalyticalImportanceSampling); blind to
     every other failure mode.
@@ -142,20 +136,13 @@ class ImportanceSampling(SimulationMethod):
     targetCoefficientOfVariation : float
     maximumEvaluations : int
         Of the sampling.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import ImportanceSampling
-    >>> ImportanceSampling(maximumEvaluations=5000).name
-    'ImportanceSampling'
     """
+
+    targetCoefficientOfVariation: float = 0.05
+    maximumEvaluations: int = 20_000
 
     name = "ImportanceSampling"
     algorithmClass = ot.PostAnalyticalImportanceSampling
-
-    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 20_000) -> None:
-        self.targetCoefficientOfVariation = targetCoefficientOfVariation
-        self.maximumEvaluations = maximumEvaluations
 
     def build(self, problem: CountedProblem) -> Any:
         result, converged, note = FORM().solve(problem, ot.FORM)
@@ -172,18 +159,13 @@ class ControlledImportanceSampling(ImportanceSampling):
     targetCoefficientOfVariation : float
     maximumEvaluations : int
         Of the sampling.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import ControlledImportanceSampling
-    >>> ControlledImportanceSampling().name
-    'ControlledImportanceSampling'
     """
 
     name = "ControlledImportanceSampling"
     algorithmClass = ot.PostAnalyticalControlledImportanceSampling
 
 
+@_SETTINGS
 class ExperimentSampling(SimulationMethod):
     """Base of crude sampling in blocks of a design: `experiment` makes the design.
 
@@ -196,15 +178,12 @@ class ExperimentSampling(SimulationMethod):
     blockSize : int
     """
 
-    def __init__(
-        self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 1_000_000, blockSize: int = 10_000
-    ) -> None:
-        self.targetCoefficientOfVariation = targetCoefficientOfVariation
-        self.maximumEvaluations = maximumEvaluations
-        self.blockSize = blockSize
+    targetCoefficientOfVariation: float = 0.05
+    maximumEvaluations: int = 1_000_000
+    blockSize: int = 10_000
 
     @abc.abstractmethod
-    def experiment(self, problem: CountedProblem) -> None:
+    def experiment(self, problem: CountedProblem) -> ot.WeightedExperiment:
         """The design of one block."""
 
     def build(self, problem: CountedProblem) -> Any:
@@ -215,12 +194,6 @@ class ExperimentSampling(SimulationMethod):
 class LatinHypercube(ExperimentSampling):
     """Latin hypercube sampling, shuffled anew for every block: OpenTURNS' default repeats one permutation, which is
     biased.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import LatinHypercube
-    >>> LatinHypercube(blockSize=1000).name
-    'LatinHypercube'
     """
 
     name = "LatinHypercube"
@@ -232,14 +205,7 @@ class LatinHypercube(ExperimentSampling):
 
 
 class QuasiMonteCarlo(ExperimentSampling):
-    """Sobol' sequence, shifted at random, so that its scatter can be seen.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import QuasiMonteCarlo
-    >>> QuasiMonteCarlo(blockSize=1024).name
-    'QuasiMonteCarlo'
-    """
+    """Sobol' sequence, shifted at random, so that its scatter can be seen."""
 
     name = "QuasiMonteCarlo"
 
@@ -250,15 +216,15 @@ class QuasiMonteCarlo(ExperimentSampling):
         return experiment
 
 
+@_SETTINGS
 class LevelMethod(SimulationMethod):
     """An algorithm of OpenTURNS that fits its density level by level, with a fixed number of points each."""
 
-    fixedSize = True
-    algorithm: Callable[[ot.ThresholdEvent, float], Any]
+    levelSize: int = 4000
+    quantile: float = 0.1
 
-    def __init__(self, levelSize: int, quantile: float) -> None:
-        self.levelSize = levelSize
-        self.quantile = quantile
+    fixedSize = True
+    algorithm: ClassVar[Callable[..., Any]]
 
     def build(self, problem: CountedProblem) -> Any:
         algorithm = self.algorithm(problem.event, self.quantile)
@@ -276,21 +242,13 @@ class CrossEntropy(LevelMethod):
         Evaluations of each level.
     quantile : float
         Share of the points that the next level is fitted to.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import CrossEntropy
-    >>> CrossEntropy(levelSize=2000).name
-    'CrossEntropy'
     """
 
     name = "CrossEntropy"
     algorithm = ot.StandardSpaceCrossEntropyImportanceSampling
 
-    def __init__(self, levelSize: int = 4000, quantile: float = 0.1) -> None:
-        super().__init__(levelSize, quantile)
 
-
+@_SETTINGS
 class NAIS(LevelMethod):
     """OpenTURNS' non-parametric adaptive importance sampling, in standard space, since it refuses bounded inputs.
 
@@ -303,13 +261,9 @@ class NAIS(LevelMethod):
         Evaluations of each level.
     quantile : float
         Share of the points that the next level is fitted to.
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import NAIS
-    >>> NAIS(levelSize=1000).name
-    'NAIS'
     """
+
+    levelSize: int = 2000
 
     name = "NAIS"
 
@@ -317,10 +271,8 @@ class NAIS(LevelMethod):
     def algorithm(event: ot.ThresholdEvent, quantile: float) -> Any:
         return ot.NAIS(ot.StandardEvent(event), quantile)
 
-    def __init__(self, levelSize: int = 2000, quantile: float = 0.1) -> None:
-        super().__init__(levelSize, quantile)
 
-
+@_SETTINGS
 class DirectionalSampling(SimulationMethod):
     """OpenTURNS' directional sampling; its evaluations per direction add to the limit on directions.
 
@@ -328,25 +280,19 @@ class DirectionalSampling(SimulationMethod):
     ----------
     targetCoefficientOfVariation : float
     maximumDirections : int
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import DirectionalSampling
-    >>> DirectionalSampling(maximumDirections=100).name
-    'DirectionalSampling'
     """
 
-    name = "DirectionalSampling"
+    targetCoefficientOfVariation: float = 0.05
+    maximumDirections: int = 5000
 
-    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumDirections: int = 5000) -> None:
-        self.targetCoefficientOfVariation = targetCoefficientOfVariation
-        self.maximumDirections = maximumDirections
+    name = "DirectionalSampling"
 
     def build(self, problem: CountedProblem) -> Any:
         algorithm = ot.DirectionalSampling(problem.event)
         return _limited(algorithm, self.targetCoefficientOfVariation, self.maximumDirections)
 
 
+@_SETTINGS
 class LineSampling(SimulationMethod):
     """OpenTURNS' line sampling along FORM's design point, the direction kept fixed.
 
@@ -354,19 +300,12 @@ class LineSampling(SimulationMethod):
     ----------
     targetCoefficientOfVariation : float
     maximumLines : int
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import LineSampling
-    >>> LineSampling(maximumLines=100).name
-    'LineSampling'
     """
 
-    name = "LineSampling"
+    targetCoefficientOfVariation: float = 0.05
+    maximumLines: int = 1000
 
-    def __init__(self, targetCoefficientOfVariation: float = 0.05, maximumLines: int = 1000) -> None:
-        self.targetCoefficientOfVariation = targetCoefficientOfVariation
-        self.maximumLines = maximumLines
+    name = "LineSampling"
 
     def direction(self, problem: CountedProblem) -> ArrayLike:
         """Direction of the lines in standard space."""
@@ -391,12 +330,6 @@ class ActiveLineSampling(LineSampling):
     ----------
     targetCoefficientOfVariation : float
     maximumLines : int
-
-    Examples
-    --------
-    >>> from satsep_ot.methods.comparison.simulations import ActiveLineSampling
-    >>> ActiveLineSampling(maximumLines=100).name
-    'ActiveLineSampling'
     """
 
     name = "ActiveLineSampling"
