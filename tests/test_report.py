@@ -289,6 +289,7 @@ def test_results_of_version_0_1_0_give_a_report(directory, results, tmp_path):
     for entry in (*old["rows"], *old["quantities"].values()):
         entry.pop("unseen_bound", None)
         entry.pop("part_of", None)
+        entry.pop("norm_of", None)
     (tmp_path / "old" / "results.json").write_text(json.dumps(old), encoding="utf-8")
     assert "Not met: slow." in visible_text(render_report(tmp_path / "old"))
 

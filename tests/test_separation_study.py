@@ -54,6 +54,24 @@ def test_form_is_told_where_it_is_wrong(study):
     found = remarks(study.getResult())
     assert any(text.startswith("lateral rate: FORM gives") and "times too low" in text for text in found)
     assert not any(text.startswith("axial velocity: FORM gives") and "too high" in text for text in found)
+    # Why, from what each quantity is made of: the norm of two, the absolute value of one, the smallest of several.
+    for requirement, reason in (
+        ("lateral rate", "circle around the mean"),
+        ("spin", "two design points of opposite sign"),
+        ("clearance", "every point of the envelope"),
+        (SYSTEM, "every requirement has design points"),
+    ):
+        assert any(text.startswith(f"{requirement}: FORM gives") and reason in text for text in found), requirement
+
+
+def test_what_quantities_of_version_0_1_0_are_made_of(study, tmp_path):
+    result = study.getResult()
+    document = results_document(result)
+    del document["format"]
+    for entry in document["quantities"].values():
+        del entry["part_of"], entry["norm_of"]
+    (tmp_path / "results.json").write_text(json.dumps(document), encoding="utf-8")
+    assert read_results(tmp_path / "results.json").quantities == result.quantities
 
 
 def test_intervals_that_do_not_overlap_are_told(study):

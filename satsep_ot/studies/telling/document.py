@@ -1,11 +1,13 @@
 """results.json: the one writer and the one reader of a `StudyResult`."""
 
+import dataclasses
 import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from satsep_ot.dynamics.quantities import QUANTITIES
 from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import remarks
 from satsep_ot.studies.telling.results import Estimate, StudyResult
@@ -76,9 +78,23 @@ def read_results(path: str | os.PathLike) -> StudyResult:
             "that has written it, or run the study again"
         )
     try:
-        return from_plain(StudyResult, document)
+        result = from_plain(StudyResult, document)
     except ValueError as error:
         raise ReportError(f"{path} is not what this version's study writes ({error}); run the study again") from error
+    return result if "format" in document else _with_parts(result)
+
+
+def _with_parts(result: StudyResult) -> StudyResult:
+    """A result of version 0.1.0, which did not say what its quantities are made of."""
+    quantities = {
+        name: dataclasses.replace(
+            values,
+            norm_of=QUANTITIES[name].norm_of if name in QUANTITIES else (),
+            part_of="clearance" if name.startswith("exit_clearance_") else "",
+        )
+        for name, values in result.quantities.items()
+    }
+    return dataclasses.replace(result, quantities=quantities)
 
 
 def read_text(path: str | os.PathLike) -> str:

@@ -5,9 +5,10 @@ from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import best_estimate, contradiction, estimate_by
 from satsep_ot.studies.telling.words import (
-    BLIND_SPOTS,
     DESIGN_POINT_METHODS,
     METHOD_LIMITS,
+    MINIMUM_BLIND_SPOT,
+    NORM_BLIND_SPOTS,
     SYSTEM_BLIND_SPOT,
     StudyMethod,
     interval_text,
@@ -43,7 +44,8 @@ _NOT_VALIDATED = (
 def assumptions(case: Case) -> list[str]:
     """What the numbers of a case rest on, a sentence each."""
     separation = case.separation
-    line, push = _FORCE_LINES[separation.force_line]
+    line = separation.force_line
+    springs, push = _FORCE_LINES.get(line, (line.name.lower(), "along its force line"))
     gravity = "There is no gravity."
     if separation.orbit is not None:
         torque = "with" if separation.gradient_torque else "without"
@@ -51,8 +53,8 @@ def assumptions(case: Case) -> list[str]:
     dependence = "independent" if case.copula is None else "correlated as named there, by a normal copula"
     return [
         "Both bodies are rigid. After the command to separate they touch only the springs and connectors of the case.",
-        f"The springs are {line}: each pushes {push}. A spring has no mass, and no friction unless the case says so. "
-        "It releases at the end of its stroke, once and for all.",
+        f"The springs are {springs}: each pushes {push}. A spring has no mass, and no friction unless the case says "
+        "so. It releases at the end of its stroke, once and for all.",
         gravity,
         f"The {len(case.inputs)} uncertain inputs have the distributions of the case file and are {dependence}. The "
         "probabilities are as good as these distributions, whose tails are rarely measured.",
@@ -74,7 +76,7 @@ def remarks(result: StudyResult) -> list[str]:
         interval = None if best is None else best.interval
         if best is None or interval is None or interval.probability == 0.0:
             continue
-        why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else BLIND_SPOTS.get(quantities[requirement])
+        why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else _blind_spot(result, quantities[requirement])
         apart = []
         for method in DESIGN_POINT_METHODS:
             row = estimate_by(method, rows)
@@ -137,6 +139,13 @@ def unseen_regions(result: StudyResult) -> list[str]:
             f"{probability_text(3.0 / result.sizes.sample)}."
         )
     return [text]
+
+
+def _blind_spot(result: StudyResult, name: str) -> str | None:
+    """Why a plane or a paraboloid misses violations of a limit on a quantity; None where nothing is known."""
+    if any(quantity.part_of == name for quantity in result.quantities.values()):
+        return MINIMUM_BLIND_SPOT
+    return NORM_BLIND_SPOTS.get(len(result.quantities[name].norm_of))
 
 
 def _difference(ratio: float) -> str:

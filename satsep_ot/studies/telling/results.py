@@ -155,6 +155,7 @@ class QuantityValues:
     """A quantity of interest: its nominal value, and mean and standard deviation in the Monte Carlo sample.
 
     `part_of` is the quantity that this one is a part of, such as the clearance of one point; empty for the others.
+    `norm_of` are the quantities that this one is the norm of.
     """
 
     unit: str
@@ -163,11 +164,14 @@ class QuantityValues:
     mean: float | None = None
     deviation: float | None = None
     part_of: str = ""
+    norm_of: tuple[str, ...] = ()
 
     @staticmethod
     def of(quantity: Quantity, nominal: float, mean: float | None, deviation: float | None) -> "QuantityValues":
         """The values of a quantity."""
-        return QuantityValues(quantity.unit, quantity.description, nominal, mean, deviation, quantity.part_of)
+        return QuantityValues(
+            quantity.unit, quantity.description, nominal, mean, deviation, quantity.part_of, quantity.norm_of
+        )
 
 
 @dataclasses.dataclass(frozen=True)

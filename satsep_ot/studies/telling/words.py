@@ -48,13 +48,14 @@ METHOD_LIMITS = {
     "in at least 95 % of samples. Where no violation is seen it is one-sided; this lowers the 95 % to 93.8 % at worst, "
     "near three expected violations.",
 }
-# Why a plane or a paraboloid at one design point misses violations, by the quantity of the requirement.
-BLIND_SPOTS = {
-    "lateral_rate": "the limit state is a circle around the mean, which no tangent plane or paraboloid follows",
-    "spin": "there are two design points of opposite sign, and the search ends in one",
-    "tip_off_rate": "the limit state is a sphere around the mean, which no tangent plane or paraboloid follows",
-    "clearance": "every corner of the envelope has a design point of its own, and the search ends in one",
+# Why a plane or a paraboloid at one design point misses violations: of the norm of so many smooth quantities, of the
+# smallest of several quantities, and of any requirement.
+NORM_BLIND_SPOTS = {
+    1: "there are two design points of opposite sign, and the search ends in one",
+    2: "the limit state is a circle around the mean, which no tangent plane or paraboloid follows",
+    3: "the limit state is a sphere around the mean, which no tangent plane or paraboloid follows",
 }
+MINIMUM_BLIND_SPOT = "every point of the envelope has a design point of its own, and the search ends in one"
 SYSTEM_BLIND_SPOT = "every requirement has design points of its own, and the search ends in one"
 
 
