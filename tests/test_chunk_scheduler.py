@@ -217,7 +217,7 @@ def test_an_executor_that_breaks_when_it_gets_work(error):
 
 
 def test_what_is_no_executor_is_refused():
-    with pytest.raises(TypeError, match=r"the executor is a str; a concurrent\.futures\.Executor"):
+    with pytest.raises(TypeError, match=r"the executor is a str; it must be a concurrent\.futures\.Executor"):
         ChunkScheduler("threads")
     scheduler = ChunkScheduler()
     for set_option, value in (
@@ -225,7 +225,7 @@ def test_what_is_no_executor_is_refused():
         (scheduler.setMaximumAttempts, 0), (scheduler.setMaximumAttempts, 1.5), (scheduler.setClusterTimeLimit, -1.0),
         (scheduler.setClusterTimeLimit, np.nan), (processes, 0), (processes, 1.5),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match="allowed"):
+        with pytest.raises(ValueError, match="must be"):
             set_option(value)
 
 

@@ -382,7 +382,7 @@ def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="the inputs have dimension 3, the function has 2 inputs"):
         MonteCarloStream(SUM, ot.Normal(3), 10)
     for size in (None, 0, 1.5):
-        with pytest.raises(ValueError, match=f"the number of runs is {size}; a whole number from 1 on is needed"):
+        with pytest.raises(ValueError, match=f"the number of runs is {size}; it must be a whole number of at least 1"):
             MonteCarloStream(SUM, ot.Normal(2), size)
     made = stream(10)
     with pytest.raises(ValueError, match="'weight' is no output of the function; give its index or its name out of"):
@@ -390,7 +390,7 @@ def test_bad_arguments_are_named():
     with pytest.raises(ValueError, match="it must be finite"):
         made.setEvents({"never": ("sum", ot.Greater(), math.inf)})
     for set_size in (made.setBlockSize, made.setChunkSize):
-        with pytest.raises(ValueError, match="size is 0; a whole number from 1 on"):
+        with pytest.raises(ValueError, match="size is 0; it must be a whole number of at least 1"):
             set_size(0)
     with pytest.raises(TypeError, match="must be callable"):
         made.setProgressCallback(1)

@@ -571,10 +571,14 @@ def test_an_input_may_have_a_distribution_in_python():
 def test_bad_degrees_and_folds_are_named():
     regression = MultivariatePolynomialRegression(np.zeros((30, 1)), np.zeros((30, 1)), ot.Normal(1))
     for highest in (-1, 11, 1.5):
-        with pytest.raises(ValueError, match=f"The highest degree is {highest}; a whole number from 0 to 10"):
+        with pytest.raises(
+            ValueError, match=f"The highest degree is {highest}; it must be a whole number from 0 to 10"
+        ):
             regression.selectDegree(highest)
     for folds in (1, 2.5):
-        with pytest.raises(ValueError, match=f"The number of folds is {folds}; a whole number from 2 on"):
+        with pytest.raises(
+            ValueError, match=f"The number of folds is {folds}; it must be a whole number of at least 2"
+        ):
             regression.selectDegree(4, folds)
 
 

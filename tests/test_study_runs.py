@@ -304,7 +304,7 @@ def test_the_precision_that_is_asked_for_is_reached():
     row = study._runMethod("lateral rate", "ActiveSubspace")
     assert row.converged
     assert 0.02 < row.coefficient_of_variation <= 0.035
-    with pytest.raises(ValueError, match=r"targetCoefficientOfVariation = 0\.001; a number from 0\.01 to 0\.5"):
+    with pytest.raises(ValueError, match=r"targetCoefficientOfVariation = 0\.001; it must be between 0\.01 and 0\.5"):
         SeparationStudy(problem(), targetCoefficientOfVariation=0.001)
 
 

@@ -270,7 +270,8 @@ class ParameterMap:
     reference : ndarray, shape (n,)
         Inputs at which the parameters are nominal.
     spread : ndarray, shape (n,)
-        Half of the middle 68 % of each input: the standard deviation of a Normal, and finite where there is none.
+        Half of the middle 68 % of each input: the standard deviation of a normal input, and finite for a
+        distribution without a standard deviation.
 
     Notes
     -----

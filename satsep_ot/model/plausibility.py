@@ -58,7 +58,7 @@ class RequirementScatter(NamedTuple):
     smallest, median, largest : float
         Of the scattered runs; those of the nominal run for a case without uncertain inputs.
     met, runs : int
-        Scattered runs that meet the requirement, and those that did not fail; 0 where there are none.
+        Scattered runs that meet the requirement, and scattered runs that did not fail; 0 without uncertain inputs.
     """
 
     requirement: Requirement

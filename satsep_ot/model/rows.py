@@ -32,7 +32,7 @@ class Row:
     meaning : str
         One sentence or less, for the documentation and for editors.
     default : optional
-        In the unit of the file; NEEDED or ABSENT where there is none.
+        In the unit of the file; NEEDED if the key must be given, ABSENT if it has no value by default.
     default_note : str
         In place of the default where the documentation has more to say.
     field : str

@@ -223,7 +223,7 @@ class ResultsDirectory:
         return True
 
     def _begin(self, files, about):
-        """Make room, and say whose the directory is."""
+        """Remove what an earlier study or benchmark left, and write whose the directory is."""
         origin = self.path / ORIGIN
         kept = json.loads(origin.read_text(encoding="utf-8")).get("files", {}) if origin.exists() else {}
         digests = {name: hashlib.sha256(text.encode()).hexdigest() for name, text in files.items()}

@@ -127,15 +127,15 @@ class SeparationStudy(DeprecatedAccessors):
     ) -> None:
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
-            raise ValueError(f"methods = {list(methods)}; some of {', '.join(STUDY_METHODS)} are allowed")
+            raise ValueError(f"methods = {list(methods)}; give one or more of {', '.join(STUDY_METHODS)}")
         for name, value in (("sampleSize", sampleSize), ("gradientSize", gradientSize)):
             if int(value) != value or value < 1:
-                raise ValueError(f"{name} = {value}; a positive whole number is allowed")
+                raise ValueError(f"{name} = {value}; it must be a positive whole number")
         if int(toleranceSize) != toleranceSize or toleranceSize < 0:
-            raise ValueError(f"toleranceSize = {toleranceSize}; a whole number from 0 on is allowed")
+            raise ValueError(f"toleranceSize = {toleranceSize}; it must be a whole number of at least 0")
         if not 0.01 <= targetCoefficientOfVariation <= 0.5:
             raise ValueError(
-                f"targetCoefficientOfVariation = {targetCoefficientOfVariation}; a number from 0.01 to 0.5 is allowed"
+                f"targetCoefficientOfVariation = {targetCoefficientOfVariation}; it must be between 0.01 and 0.5"
             )
         if not problem.getRequirements():
             # Raises the sentence that says so.
@@ -189,7 +189,7 @@ class SeparationStudy(DeprecatedAccessors):
         directory : str or path
             Made where it does not exist.
         resume : bool
-            Continue from what is finished there; begin where there is nothing.
+            Continue from the finished steps; an empty directory begins a new study.
         overwrite : bool
             Remove the study that is there, this one or another, and begin anew.
         command : str
@@ -216,7 +216,7 @@ class SeparationStudy(DeprecatedAccessors):
         }
         before = self._directory
         if before is not None and self._isHere(directory):
-            # Our own lock, too, would keep us out.
+            # The lock of this study would refuse it, too.
             before.close()
         self._directory = ResultsDirectory(
             directory, "study", identity, _WRITTEN, {"case.toml": case.text, **case.files}, resume, overwrite,

@@ -64,8 +64,8 @@ class ActiveSubspace(ReliabilityMethod):
 
 
 class SafeActiveSubspace(ActiveSubspace):
-    """`ActiveSubspace` in its mode ``"safe"``, which starts with a short subset simulation: for failure that nothing
-    near the mean points at.
+    """`ActiveSubspace` in its mode ``"safe"``, which starts with a short subset simulation: for failure regions that
+    the function near the mean does not show.
     """
 
     name = "SafeActiveSubspace"

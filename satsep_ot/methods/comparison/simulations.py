@@ -128,8 +128,8 @@ class SubsetSampling(SimulationMethod):
 
 @_SETTINGS
 class ImportanceSampling(SimulationMethod):
-    """FORM, then importance sampling around its design point (OpenTURNS' PostAnalyticalImportanceSampling); blind to
-    every other failure mode.
+    """FORM, then importance sampling around its design point (OpenTURNS' PostAnalyticalImportanceSampling); it
+    misses every other failure mode.
 
     Parameters
     ----------

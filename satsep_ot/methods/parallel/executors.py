@@ -46,7 +46,7 @@ def processes(number: int | None = None) -> Callable[[], Executor]:
     if number is None:
         number = len(os.sched_getaffinity(0))
     if int(number) != number or number < 1:
-        raise ValueError(f"the number of processes is {number}; a whole number from 1 on is allowed")
+        raise ValueError(f"the number of processes is {number}; it must be a whole number of at least 1")
     context = multiprocessing.get_context("spawn")
     return functools.partial(ProcessPoolExecutor, int(number), mp_context=context, initializer=_prepareProcess)
 

@@ -153,7 +153,7 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
     def setChunkSize(self, size: int | None) -> None:
         """Points of a chunk; None (default) for four chunks to each worker, of 4096 points at most."""
         if size is not None and (int(size) != size or size < 1):
-            raise ValueError(f"the chunk size is {size}; a whole number from 1 on or None is allowed")
+            raise ValueError(f"the chunk size is {size}; it must be a whole number of at least 1, or None")
         self._chunkSize = None if size is None else int(size)
 
     def setTimeout(self, timeout: float | None) -> None:

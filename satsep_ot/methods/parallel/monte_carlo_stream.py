@@ -114,7 +114,7 @@ class MonteCarloStream:
         if found != dimension:
             raise ValueError(f"the inputs have dimension {found}, the function has {dimension} inputs")
         if size is None or int(size) != size or size < 1:
-            raise ValueError(f"the number of runs is {size}; a whole number from 1 on is needed")
+            raise ValueError(f"the number of runs is {size}; it must be a whole number of at least 1")
         if isinstance(self._rows, np.ndarray) and size > len(self._rows):
             raise ValueError(f"{size} runs are wanted of {len(self._rows)} rows")
         self._size = int(size)
@@ -166,13 +166,13 @@ class MonteCarloStream:
     def setBlockSize(self, size: int) -> None:
         """Runs of a block (default 1024), which is drawn at once: the result depends on it, as on the seed."""
         if int(size) != size or size < 1:
-            raise ValueError(f"the block size is {size}; a whole number from 1 on is allowed")
+            raise ValueError(f"the block size is {size}; it must be a whole number of at least 1")
         self._blockSize = int(size)
 
     def setChunkSize(self, size: int) -> None:
         """Runs that a worker makes at once, rounded up to whole blocks; without it 16 blocks."""
         if int(size) != size or size < 1:
-            raise ValueError(f"the chunk size is {size}; a whole number from 1 on is allowed")
+            raise ValueError(f"the chunk size is {size}; it must be a whole number of at least 1")
         self._chunkSize = int(size)
 
     def setOutputFile(self, path: str | os.PathLike | None, withInputs: bool = False) -> None:
@@ -379,5 +379,5 @@ class MonteCarloStreamResult:
     def getConfidenceInterval(self, level: float = 0.95, name: str | None = None) -> ot.Interval:
         """The exact (Clopper-Pearson) interval of the probability, :py:class:`openturns.Interval`."""
         if not 0.0 < level < 1.0:
-            raise ValueError(f"the level is {level}; a number between 0 and 1 is allowed")
+            raise ValueError(f"the level is {level}; it must be between 0 and 1")
         return ot.Interval(*clopperPearson(self.getEventNumber(name), self._summary.size, level))

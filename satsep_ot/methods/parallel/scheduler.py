@@ -2,7 +2,8 @@
 
 pebble's pool of processes has time limits and names the task that killed its process, but it is no
 ``concurrent.futures.Executor``: clusters and executors that are given would need all of this beside it. loky and
-``concurrent.futures`` blame every task of a pool whose process died. Neither they nor Dask have time limits.
+``concurrent.futures`` report an error for every task of a pool whose process died. Neither they nor Dask have time
+limits.
 """
 
 import dataclasses
@@ -42,7 +43,7 @@ class ChunkScheduler:
     Notes
     -----
     A chunk whose worker dies, does not answer in time, raises or returns what it must not is tried again. Where a
-    whole pool breaks, nobody knows which chunk broke it: all that were with it are tried again, the last time one by
+    whole pool breaks, it is not known which chunk broke it: all chunks that ran are tried again, the last time one by
     one, so that the error names the right one.
 
     Copies share the executor; a pickle works in place.
@@ -61,8 +62,8 @@ class ChunkScheduler:
     def __init__(self, executor: Executor | Callable[[], Executor] | None = None) -> None:
         if not (executor is None or callable(executor) or isinstance(executor, Executor)):
             raise TypeError(
-                f"the executor is a {type(executor).__name__}; a concurrent.futures.Executor, a callable that makes "
-                "one, or None is allowed (a Dask client gives one by get_executor)"
+                f"the executor is a {type(executor).__name__}; it must be a concurrent.futures.Executor, a "
+                "callable that makes one, or None (a Dask client gives one by get_executor)"
             )
         self._factory = executor if not isinstance(executor, Executor) else None
         self._executor = executor if isinstance(executor, Executor) else None
@@ -87,19 +88,19 @@ class ChunkScheduler:
         thread cannot be ended: its chunk is tried again beside it.
         """
         if timeout is not None and not 0.0 < timeout < threading.TIMEOUT_MAX:
-            raise ValueError(f"the timeout is {timeout} s; a positive number or None is allowed")
+            raise ValueError(f"the timeout is {timeout} s; it must be positive, or None")
         self._timeout = timeout
 
     def setMaximumAttempts(self, number: int) -> None:
         """How often a chunk is tried before the run ends with an error (default 3)."""
         if int(number) != number or number < 1:
-            raise ValueError(f"the maximum of attempts is {number}; a whole number from 1 on is allowed")
+            raise ValueError(f"the maximum of attempts is {number}; it must be a whole number of at least 1")
         self._maximumAttempts = int(number)
 
     def setClusterTimeLimit(self, seconds: float) -> None:
         """How long a cluster may be without any worker before the run ends with an error (default 300 s)."""
         if not seconds >= 0.0:
-            raise ValueError(f"the time without workers is {seconds} s; a number from 0 on is allowed")
+            raise ValueError(f"the time without workers is {seconds} s; it must be a number of at least 0")
         self._clusterTimeLimit = seconds
 
     setPatience = DeprecatedAlias("setClusterTimeLimit")
@@ -333,7 +334,7 @@ class _Run:
             late = "" if timeout is None else f", or took longer than {timeout:g} s and was ended"
             self._failed(attempt, f"its worker died{late} ({type(error).__name__}: {error})", broken=True)
         except Exception as error:
-            # Dask, too, blames every chunk that waited at a worker that died.
+            # Dask, too, reports an error for every chunk that waited at a worker that died.
             lost = f"no answer came back ({type(error).__name__}: {error})"
             self._failed(attempt, lost, broken=True, cause=error)
         return None
@@ -346,7 +347,7 @@ class _Run:
         if attempt.started is None and attempt.future.running():
             attempt.started = now
         if attempt.started is None:
-            # It waits in a queue, or it runs and nobody says so: a matter of whether anything moves.
+            # It waits in a queue, or it runs and the executor does not say so: another chunk that ends shows progress.
             quiet = now - max(self._progress, attempt.submitted)
             return self._workers > 0 and quiet > _SILENT_FACTOR * timeout + _SILENT_GRACE
         if not isinstance(attempt.executor, ThreadPoolExecutor):

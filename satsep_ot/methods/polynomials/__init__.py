@@ -1,1 +1,1 @@
-"""Multivariate polynomial regression: bases, fits, predictions and the exact law of a polynomial."""
+"""Multivariate polynomial regression: bases, fits, predictions and the exact distribution of a polynomial."""

@@ -98,7 +98,7 @@ def dOptimalDesign(candidates: np.ndarray, degree: int, size: int) -> np.ndarray
     if size < basis.size:
         raise ValueError(f"A polynomial of {basis.size} terms needs at least {basis.size} points, got {size}.")
     rows = basis.evaluate(candidates).T
-    # The determinant does not mind the basis: in an orthonormal one of the candidates nothing is ill-conditioned.
+    # Another basis scales all determinants alike, and a basis orthonormal on the candidates is well-conditioned.
     left, singular, _ = linalg.svd(rows, full_matrices=False)
     rank = int((singular > singular[0] * max(rows.shape) * np.finfo(float).eps).sum())
     if rank < basis.size:

@@ -68,7 +68,9 @@ class PolynomialDistribution:
         law = result.getDistribution()
         r = law.getDimension()
         if r > 3:
-            raise ValueError(f"The law of a polynomial is computed for 1 to 3 variables, got {r}: use sampling.")
+            raise ValueError(
+                f"The distribution of a polynomial is computed for 1 to 3 variables, got {r}: use sampling."
+            )
         if law != ot.Normal(r) and law != ot.JointDistribution([ot.Normal()] * r):
             raise ValueError(
                 f"The polynomial must have independent standard normal variables, got {law}: "

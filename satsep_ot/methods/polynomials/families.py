@@ -89,7 +89,8 @@ class PolynomialFamilies:
         Raises
         ------
         ValueError
-            The law has no moments that high, as Student's with few degrees of freedom, or none that can be computed.
+            The distribution has no moments that high, as Student's with few degrees of freedom, or none that can be
+            computed.
         """
         for variable, member in enumerate(self.members):
             degree = int(basis.indices[:, variable].max(initial=0))
@@ -103,8 +104,8 @@ class PolynomialFamilies:
                 square = univariate.evaluate(z[:, None])[degree] ** 2 @ weights
             if not abs(square - 1.0) < MOMENT_TOLERANCE:
                 raise ValueError(
-                    f"Under the law {marginal} of input {variable} the polynomial of degree {degree} has the mean "
-                    f"square {square:.3g} instead of 1: moments of order {2 * degree} do not exist or cannot be "
+                    f"Under the distribution {marginal} of input {variable} the polynomial of degree {degree} has the "
+                    f"mean square {square:.3g} instead of 1: moments of order {2 * degree} do not exist or cannot be "
                     "computed. Lower the degree, or take the moments of getSample()."
                 )
 

@@ -305,7 +305,7 @@ def _least_squares(basis, points, values, weights, allow_deficient):
         triangle, coefficients, failed = _POSV(normal[:, :size], normal[:, size:])
         if not failed:
             condition = _triangle_condition(triangle)
-            # An output that is not finite spoils all of its coefficients.
+            # An output with a value that is not finite has no finite coefficient.
             if condition < NORMAL_CONDITION * math.sqrt(size) and all(map(math.isfinite, coefficients[0])):
                 coefficients = coefficients.reshape(size, *values.shape[1:])
                 return PolynomialFit(basis, points, values, weights, coefficients, triangle, size, condition)

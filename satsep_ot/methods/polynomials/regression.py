@@ -146,9 +146,9 @@ class MultivariatePolynomialRegression:
             The highest degree or the number of folds is not allowed, or there are too few points.
         """
         if int(highest) != highest or not 0 <= highest <= HIGHEST_DEGREE:
-            raise ValueError(f"The highest degree is {highest}; a whole number from 0 to {HIGHEST_DEGREE} is allowed.")
+            raise ValueError(f"The highest degree is {highest}; it must be a whole number from 0 to {HIGHEST_DEGREE}.")
         if int(folds) != folds or folds < 2:
-            raise ValueError(f"The number of folds is {folds}; a whole number from 2 on is allowed.")
+            raise ValueError(f"The number of folds is {folds}; it must be a whole number of at least 2.")
         blocks = shuffled_folds(len(self._points), folds)
         spread = self._values.var(axis=0)
         spread[spread == 0.0] = 1.0

@@ -280,24 +280,24 @@ class MultivariatePolynomialRegressionResult:
         return np.exp(0.5 * spread.predict(self._families.standardise(points)))
 
     def getMean(self) -> ot.Point:
-        """Mean of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p).
+        """Mean of the polynomial under the distribution of the inputs, :py:class:`openturns.Point` (p).
 
         Raises
         ------
         ValueError
-            The law has no moments that high, as Student's with few degrees of freedom, or none that can be computed. So
-            do variance and Sobol indices.
+            The distribution has no moments that high, as Student's with few degrees of freedom, or none that can be
+            computed. Variance and Sobol indices raise this as well.
         """
         self._families.checkMoments(self._fit.basis)
         return ot.Point(self._fit.coefficients[0])
 
     def getVariance(self) -> ot.Point:
-        """Variance of the polynomial under the law of the inputs, :py:class:`openturns.Point` (p)."""
+        """Variance of the polynomial under the distribution of the inputs, :py:class:`openturns.Point` (p)."""
         self._families.checkMoments(self._fit.basis)
         return ot.Point((self._fit.coefficients[1:] ** 2).sum(axis=0))
 
     def getSample(self, size: int) -> ot.Sample:
-        """Outputs of the polynomial at inputs sampled from their law, :py:class:`openturns.Sample` (size, p)."""
+        """Outputs of the polynomial at inputs drawn from their distribution, :py:class:`openturns.Sample` (size, p)."""
         sample = ot.Sample(self.evaluate(np.array(self._families.law.getSample(size))))
         sample.setDescription(self.getMetaModel().getOutputDescription())
         return sample
@@ -341,7 +341,7 @@ class MultivariatePolynomialRegressionResult:
         return ot.Matrix(slopes @ slopes.T)
 
     def save(self, path: str | os.PathLike) -> None:
-        """Write the result to one file, whole or not at all: arrays, and the law of the inputs as OpenTURNS' XML.
+        """Write the result to one file, whole or not at all: arrays, and the distribution as OpenTURNS' XML.
 
         What is loaded answers everything as this result does, to the last bit. For the polynomial alone put
         :meth:`getMetaModel` into an :py:class:`openturns.Study`.

@@ -82,7 +82,7 @@ class TrueRuns:
         phase: str = "Monte Carlo",
         weight: float = 1.0,
     ) -> "TrueRuns":
-        """Runs of one phase and one weight: 1 for draws of the inputs' own law, NaN for runs without a weight."""
+        """Runs of one phase and one weight: 1 for draws of the inputs' distribution, NaN for runs without a weight."""
         size = len(inputs)
         return TrueRuns(
             inputs, outputs, failed, np.full(size, phase), np.full(size, float(weight)), np.zeros(size),

@@ -50,7 +50,7 @@ class StudyRuns:
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One figure of the report: the section that shows it, what it is of, its text alternative."""
+    """One figure of the report: the section that shows it, its name, its text alternative."""
 
     section: Section
     name: str

@@ -323,7 +323,7 @@ class Section(enum.StrEnum):
 
 @dataclasses.dataclass(frozen=True)
 class FigureFile:
-    """A figure of the report: the section that shows it, what it is of, its text alternative, its file."""
+    """A figure of the report: the section that shows it, its name, its text alternative, its file."""
 
     section: Section
     name: str

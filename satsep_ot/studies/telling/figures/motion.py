@@ -27,7 +27,7 @@ def draw_separation_velocity(motion: Motion, ax: Axes | None = None) -> Axes:
     Returns
     -------
     ax : :class:`matplotlib.axes.Axes`
-        That of the velocity.
+        The axes of the velocity.
     """
     ax = _time_axes(motion, ax, "axial velocity [m/s]")
     lines = ax.plot(1e3 * motion.times, motion.velocity, "-", color=BLACK, label="velocity")
@@ -60,7 +60,7 @@ def draw_rates(motion: Motion, ax: Axes | None = None) -> Axes:
         ax.plot(1e3 * motion.times, motion.rates[:, k], STYLES[k], color=COLOURS[k], marker=MARKERS[k], markersize=5,
                 markevery=(20 * k, 60), label=f"about {axis}")  # fmt: skip
     _mark_releases(motion, ax)
-    # Rates of a symmetric separation are rounding errors, which are not to fill the panel.
+    # Rates of a symmetric separation are rounding errors, which would fill the panel.
     low, high = min(motion.rates.min(), -0.1), max(motion.rates.max(), 0.1)
     # Room for the legend above the lines.
     ax.set_ylim(low - 0.05 * (high - low), high + 0.35 * (high - low))
@@ -69,7 +69,7 @@ def draw_rates(motion: Motion, ax: Axes | None = None) -> Axes:
 
 
 def draw_strokes(motion: Motion, ax: Axes | None = None) -> Axes:
-    """Stroke of each spring while it pushes, with its release marked, and where the pins of connectors leave theirs.
+    """Stroke of each spring while it pushes, with marks where it is released and where pins leave their socket.
 
     Parameters
     ----------

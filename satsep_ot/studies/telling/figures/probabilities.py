@@ -28,7 +28,7 @@ class ProbabilityBar:
     label : str
         What stands at the axis, such as the method.
     probability : float or None
-        None where there is none to draw.
+        None draws no point.
     lower95, upper95 : float or None
         Bounds of the 95 % interval; None for a method without one.
     evaluations : int or None
