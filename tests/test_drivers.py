@@ -51,14 +51,20 @@ def test_scatter_of_several_inputs_in_words():
 
 
 def test_what_several_inputs_are_in_words():
-    row = load_case("reference").inputs[0]
+    case = load_case("reference")
+    rows = drivers.tolerances(case)["stiffness"]
+    assert scatter.describe_inputs(rows[:1]) == "stiffness of spring 1"
+    assert scatter.describe_inputs([rows[0], rows[2]]) == "stiffness of springs 1, 3"
     for words, text in (
-        (["spin"], "spin"),
-        (["stiffness of spring 1", "stiffness of spring 3"], "stiffness of springs 1, 3"),
         (["mass of all", "mass of all"], "mass of all"),
         (["one thing", "another"], "one thing; another"),
     ):
-        assert scatter.describe_inputs([replace(row, description=word) for word in words]) == text
+        assert scatter.describe_inputs([replace(case.inputs[0], description=word) for word in words]) == text
+    # A description of the file stands for all of its inputs.
+    key = 'quantity = "springs.stiffness.each"'
+    own = case.text.replace(key, f'{key}, description = "wire"')
+    assert own != case.text
+    assert scatter.describe_inputs(drivers.tolerances(parse_case(own))["stiffness"]) == "wire"
 
 
 def test_a_tolerance_that_is_none_is_named():

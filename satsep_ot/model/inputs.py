@@ -31,6 +31,10 @@ class Target:
         What it is, in words.
     entries : dict of int to str
         The names of the targets that `.each` stands for, by the number of their spring or connector.
+    series : str
+        What such a target is with others of its kind, for example "stiffness of springs"; empty for the others.
+    number : int
+        Number of its spring or connector; 0 for the others.
     """
 
     key: str
@@ -38,6 +42,8 @@ class Target:
     unit: Unit
     description: str
     entries: dict[int, str] = field(default_factory=dict)
+    series: str = ""
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -60,6 +66,8 @@ class UncertainInput:
         Name of the entry of the case file that it comes from: one tolerance may make an input for every spring.
     key : str
         Table and key of its row in `satsep_ot.model.parameters`, for example "springs.cant".
+    series, number : str, int
+        As of its `Target`; empty and 0 for an input that has a description of its own.
 
     Examples
     --------
@@ -78,6 +86,8 @@ class UncertainInput:
     reference: float
     entry: str = ""
     key: str = ""
+    series: str = ""
+    number: int = 0
 
     @property
     def label(self) -> str:
@@ -170,7 +180,8 @@ def _numbered(key, row, named, what):
     every = tuple(parameter for parameters in named.values() for parameter in parameters)
     targets = {key: Target(key, every, row.unit, f"{row.scatters} of all {what}s", entries)}
     for number, parameters in named.items():
-        targets[entries[number]] = Target(key, parameters, row.unit, f"{row.scatters} of {what} {number}")
+        description, series = f"{row.scatters} of {what} {number}", f"{row.scatters} of {what}s"
+        targets[entries[number]] = Target(key, parameters, row.unit, description, series=series, number=number)
     return targets
 
 

@@ -104,9 +104,9 @@ def _input(table, name, target: Target, nominal):
     # Springs that differ have no common value: moved together, their input is the deviation from it.
     values = {float(f"{nominal[parameter][0] / target.unit.factor:.15g}") for parameter in target.parameters}
     reference = values.pop() if len(values) == 1 else 0.0
-    description = table.read("description")
+    description, series, number = table.read("description"), "", 0
     if description is None:
-        description = target.description
+        description, series, number = target.description, target.series, target.number
     if len(values) > 0:
         description = f"deviation of the {description}"
     # Next to `distribution`, sigma is a parameter of it.
@@ -124,6 +124,8 @@ def _input(table, name, target: Target, nominal):
             factor=target.unit.factor,
             reference=reference,
             key=target.key,
+            series=series,
+            number=number,
         )
         check_range(row, nominal)
     except CaseError:

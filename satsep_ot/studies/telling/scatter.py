@@ -85,9 +85,6 @@ def describe_inputs(rows: Sequence[UncertainInput]) -> str:
     >>> describe_inputs([row for row in load_case("reference").inputs if row.entry == "stiffness"])
     'stiffness of springs 1, 2, 3, 4'
     """
-    words = list(dict.fromkeys(row.description for row in rows))
-    starts, _, ends = zip(*(text.rpartition(" ") for text in words), strict=True)
-    if len(words) == 1 or len(set(starts)) > 1:
-        return "; ".join(words)
-    # They are such as: stiffness of spring 1.
-    return f"{starts[0]}s {', '.join(ends)}"
+    if len(rows) > 1 and rows[0].series:
+        return f"{rows[0].series} {', '.join(str(row.number) for row in rows)}"
+    return "; ".join(dict.fromkeys(row.description for row in rows))
