@@ -78,7 +78,7 @@ def add_directory_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_mutually_exclusive_group()
     group.add_argument(
         "--resume", action="store_true",
-        help="continue from what is finished in DIR, to the result of an uninterrupted run; begin where nothing is",
+        help="continue from the finished steps in DIR, to the numbers of an uninterrupted run; without any, begin",
     )  # fmt: skip
     group.add_argument(
         "--overwrite", action="store_true", help="remove the results in DIR, of this or another case, and begin anew"
