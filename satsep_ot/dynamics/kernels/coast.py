@@ -120,7 +120,7 @@ def advance(y, size, h, mu, ob, k, stage):
 
 
 @kernel
-def growth(nodes, accelerations, i, h, z):
+def product_and_square(nodes, accelerations, i, h, z):
     """rho . d rho / dz and |rho|^2 at the share z of the step of h [s] behind node i.
 
     On the polynomial of degree five that has position, velocity and acceleration of both nodes.
@@ -144,17 +144,17 @@ def nearest(nodes, accelerations, times, first, last):
     node, offset, smallest, square = first, 0.0, np.inf, np.inf
     for i in range(first, last):
         h = times[i + 1] - times[i]
-        before, square = growth(nodes, accelerations, i, h, 0.0)
+        before, square = product_and_square(nodes, accelerations, i, h, 0.0)
         if square < smallest:
             smallest, node, offset = square, i, 0.0
         for part in range(PARTS):
             low, high = part / PARTS, (part + 1.0) / PARTS
-            after, square = growth(nodes, accelerations, i, h, high)
+            after, square = product_and_square(nodes, accelerations, i, h, high)
             if before < 0.0 <= after:
                 middle = least = 0.0
                 for _ in range(25):
                     middle = 0.5 * (low + high)
-                    product, least = growth(nodes, accelerations, i, h, middle)
+                    product, least = product_and_square(nodes, accelerations, i, h, middle)
                     if product < 0.0:
                         low = middle
                     else:
