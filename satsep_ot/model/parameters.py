@@ -155,8 +155,8 @@ SPRINGS = CaseTable("springs", "The separation springs: one number for all of th
     Row("failed", SpringNumbers(), "numbers of the springs that have failed, from 1", ABSENT),
     Row("table", ForceTables(), "measured force-stroke table instead of stiffness and deformation", ABSENT),
     Row("force_line", Choice({line.name.lower(): line for line in ForceLine}),
-        '`"guided"`: along the guide; `"strut"`: between ball ends; `"normal"`: a rod whose foot slides on the '
-        "satellite's plate", "guided"),
+        "how each spring pushes: " + "; ".join(f'`"{line.name.lower()}"`, {line.push}' for line in ForceLine),
+        "guided"),
     # In the file, 0 stands for springs without one.
     Row("stowed_length", Number(MILLIMETRE, Sign.NOT_NEGATIVE),
         "length between the ball ends at the start; only for struts, and positive there", 0.0,

@@ -102,6 +102,7 @@ class Line(NamedTuple):
 
     function: Callable
     adjoint: Callable
+    push: str  # how a spring pushes, in words: "each spring pushes ..."
     is_fixed: bool = False  # s is linear in d and the rotation matrix, n_1 the direction: springs are summed up
     has_stowed_length: bool = False  # l_0 > 0; it is 0 on other lines
     loads_guide: bool = False  # laterally: only then there is friction in it
@@ -110,12 +111,15 @@ class Line(NamedTuple):
 class ForceLine(enum.IntEnum):
     """Along which line a spring pushes; each has the attributes of its `Line`."""
 
-    GUIDED = Line(guided, guided_adjoint, is_fixed=True)
-    STRUT = Line(strut, strut_adjoint, has_stowed_length=True)
-    NORMAL = Line(normal, normal_adjoint, loads_guide=True)
+    GUIDED = Line(guided, guided_adjoint, "along its guide, fixed in the platform", is_fixed=True)
+    STRUT = Line(strut, strut_adjoint, "along the line between its two ball ends", has_stowed_length=True)
+    NORMAL = Line(
+        normal, normal_adjoint, "by a foot that slides on the satellite's plate, square to it", loads_guide=True
+    )
 
     function: Callable
     adjoint: Callable
+    push: str
     is_fixed: bool
     has_stowed_length: bool
     loads_guide: bool

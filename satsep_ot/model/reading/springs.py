@@ -54,15 +54,15 @@ def read_umbilicals(tables: list[Table]) -> Iterator[Springs]:
 def read_force_line(table: Table) -> ForceLine:
     """The force line; what only another one has must be left out."""
     line = table.read("force_line")
-    length = table.read("stowed_length", is_needed=line is ForceLine.STRUT)
+    length = table.read("stowed_length", is_needed=line.has_stowed_length)
     name = line.name.lower()
-    if line is not ForceLine.STRUT and length > 0.0:
+    if length > 0.0 and not line.has_stowed_length:
         raise table.error("stowed_length", f"left out for {name} springs: only a strut has one")
-    if line is ForceLine.STRUT and length == 0.0:
+    if length == 0.0 and line.has_stowed_length:
         raise table.error(
             "stowed_length", "positive for a strut: a strut whose ends coincide has no direction, and buckles"
         )
-    if line is not ForceLine.NORMAL and table.read("guide_friction") > 0.0:
+    if table.read("guide_friction") > 0.0 and not line.loads_guide:
         reason = "only the force line 'normal' loads the guides laterally"
         raise table.error("guide_friction", f"left out for {name} springs: {reason}")
     return line

@@ -1,6 +1,5 @@
 """Sentences beside the numbers of a study: where methods contradict each other, what the numbers rest on and miss."""
 
-from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import best_estimate, contradiction, estimate_by
@@ -26,11 +25,6 @@ COVERAGE = {
 }
 # Above this shape of the tail of the corrections' weights an interval is not reliable.
 _HEAVY_TAIL = 0.7
-_FORCE_LINES = {
-    ForceLine.GUIDED: ("guided", "along an axis fixed in the platform"),
-    ForceLine.STRUT: ("struts", "along the line between its seats"),
-    ForceLine.NORMAL: ("feet", "as a foot, square to the satellite's plate"),
-}
 _NOT_VALIDATED = (
     "flexible bodies and sloshing",
     "contact other than at the springs' seats (walls hold nothing back: a clearance below 0 is a contact that the run "
@@ -45,7 +39,6 @@ def assumptions(case: Case) -> list[str]:
     """What the numbers of a case rest on, a sentence each."""
     separation = case.separation
     line = separation.force_line
-    springs, push = _FORCE_LINES.get(line, (line.name.lower(), "along its force line"))
     gravity = "There is no gravity."
     if separation.orbit is not None:
         torque = "with" if separation.gradient_torque else "without"
@@ -53,8 +46,8 @@ def assumptions(case: Case) -> list[str]:
     dependence = "independent" if case.copula is None else "correlated as named there, by a normal copula"
     return [
         "Both bodies are rigid. After the command to separate they touch only the springs and connectors of the case.",
-        f"The springs are {springs}: each pushes {push}. A spring has no mass, and no friction unless the case says "
-        "so. It releases at the end of its stroke, once and for all.",
+        f"The force line is '{line.name.lower()}': each spring pushes {line.push}. A spring has no mass, and no "
+        "friction unless the case says so. It releases at the end of its stroke, once and for all.",
         gravity,
         f"The {len(case.inputs)} uncertain inputs have the distributions of the case file and are {dependence}. The "
         "probabilities are as good as these distributions, whose tails are rarely measured.",
