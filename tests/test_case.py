@@ -527,7 +527,7 @@ REFUSALS = {
     "wall without normal": (
         "recess_depth = 250.0",
         "planes = [{ normal = [0, 0, 0], offset = 3 }]\nrecess_depth = 250.0",
-        ["envelope.planes[1].normal = [0, 0, 0]", "not 0"],
+        ["envelope.planes[1].normal = [0, 0, 0]", "not all 0"],
     ),
     "wall without offset": (
         "recess_depth = 250.0",

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from satsep_ot.model.values import is_numbers
+
 _MAXIMUM_ROWS = 1000
 _LONGEST_FILE = 1_000_000  # characters
 _HEADER = "a header such as 'stroke_mm,force_N'"
@@ -179,7 +181,7 @@ def checked_force_table(
     before = None
     for number, row, text in zip(numbers, rows, shown, strict=True):
         place = f"{where}: row {number} = {text}"
-        if not isinstance(row, list) or len(row) != 2 or not all(_is_number(value) for value in row):
+        if not is_numbers(row, 2):
             raise ValueError(f"{place}: two finite numbers, stroke [mm] and force [N], are needed")
         stroke, force = row
         if before is None and stroke != 0.0:
@@ -202,7 +204,3 @@ def _parsed(cell):
         return float(cell)
     except ValueError:
         return math.nan
-
-
-def _is_number(value):
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) < 1e30

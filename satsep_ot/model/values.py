@@ -1,7 +1,7 @@
 """Kinds of values that a key of a case file may have: what is allowed, what it is in SI, and its JSON Schema.
 
-A kind is a small frozen dataclass. `read` returns the value in SI or raises `Refused` with what is allowed; the reader
-of the file adds the file, the key and what was given.
+A kind is a small frozen dataclass that says what it accepts and how it converts that to SI. `read` does both, or raises
+`Refused` with what is allowed; the reader of the file adds the file, the key and what was given.
 """
 
 import math
@@ -88,8 +88,18 @@ class Value(ABC):
         """What is allowed, as the end of "it must be ..."; for `count` springs."""
 
     @abstractmethod
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        """Whether a value of the file is allowed."""
+
+    def convert(self, given: Any, count: int = 0) -> Any:
+        """A value that is allowed, in SI."""
+        return given
+
     def read(self, given: Any, count: int = 0) -> Any:
         """The value in SI. Raises Refused if it is not allowed."""
+        if not self.accepts(given, count):
+            raise Refused(self.allowed(count))
+        return self.convert(given, count)
 
     @abstractmethod
     def schema(self) -> dict[str, Any]:
@@ -129,13 +139,10 @@ class Number(Value):
         size = f"size below {self.below:g}" if self.sign is Sign.ANY else f"below {self.below:g}"
         return ", ".join(part for part in (self.sign.value, size if self.below < math.inf else "") if part)
 
-    def accepts(self, given: Any) -> bool:
-        """Whether a value of the file is such a number."""
+    def accepts(self, given: Any, count: int = 0) -> bool:
         return is_number(given) and abs(given) < self.below and self.sign.allows(given)
 
-    def read(self, given: Any, count: int = 0) -> float:
-        if not self.accepts(given):
-            raise Refused(self.allowed())
+    def convert(self, given: Any, count: int = 0) -> float:
         return float(given) * self.unit.factor
 
     def schema(self) -> dict[str, Any]:
@@ -180,14 +187,13 @@ class PerSpring(Value):
         each = f"{count} of them" if count else "them"
         return f"{self.number.allowed()}, or a list of {each}, one for each spring"
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
+    def accepts(self, given: Any, count: int = 0) -> bool:
         if isinstance(given, list):
-            if len(given) != count or not all(map(self.number.accepts, given)):
-                raise Refused(self.allowed(count))
-            return np.array(given, dtype=float) * self.unit.factor
-        if not self.number.accepts(given):
-            raise Refused(self.allowed(count))
-        return np.full(count, float(given)) * self.unit.factor
+            return len(given) == count and all(map(self.number.accepts, given))
+        return self.number.accepts(given)
+
+    def convert(self, given: Any, count: int = 0) -> np.ndarray:
+        return np.full(count, given, dtype=float) * self.unit.factor
 
     def with_zeros(self) -> "PerSpring":
         """The same, where 0 stands for a spring that has no such number."""
@@ -197,8 +203,15 @@ class PerSpring(Value):
         return {"anyOf": [self.number.schema(), _list_of(self.with_zeros().number.schema(), 1, MAXIMUM_SPRINGS)]}
 
 
+class Numbers(Value):
+    """Numbers of one unit; read as an array."""
+
+    def convert(self, given: Any, count: int = 0) -> np.ndarray:
+        return np.array(given, dtype=float) * self.unit.factor
+
+
 @dataclass(frozen=True)
-class Angles(Value):
+class Angles(Numbers):
     """A list of angles, one for each spring."""
 
     unit: Unit = DEGREE
@@ -206,28 +219,24 @@ class Angles(Value):
     def allowed(self, count: int = 0) -> str:
         return f"a list of 1 to {MAXIMUM_SPRINGS} finite numbers in {self.unit.name}, one for each spring"
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
-        if not isinstance(given, list) or not 1 <= len(given) <= MAXIMUM_SPRINGS or not all(map(is_number, given)):
-            raise Refused(self.allowed())
-        return np.array(given, dtype=float) * self.unit.factor
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, list) and 1 <= len(given) <= MAXIMUM_SPRINGS and all(map(is_number, given))
 
     def schema(self) -> dict[str, Any]:
         return _list_of({"type": "number"}, 1, MAXIMUM_SPRINGS)
 
 
 @dataclass(frozen=True)
-class Vector(Value):
+class Vector(Numbers):
     """Three numbers along x, y and z."""
 
     unit: Unit
 
     def allowed(self, count: int = 0) -> str:
-        return f"three finite numbers in {self.unit.name or 'any unit'}"
+        return f"three finite numbers in {self.unit.name}"
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
-        if not is_numbers(given, 3):
-            raise Refused(self.allowed())
-        return np.array(given, dtype=float) * self.unit.factor
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return is_numbers(given, 3)
 
     def schema(self) -> dict[str, Any]:
         return _list_of({"type": "number"}, 3, 3)
@@ -239,15 +248,19 @@ class Direction(Vector):
 
     unit: Unit = ONE
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
-        vector = super().read(given)
-        if not vector.any():
-            raise Refused("a vector that is not 0")
+    def allowed(self, count: int = 0) -> str:
+        return "three finite numbers, not all 0"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return super().accepts(given) and any(given)
+
+    def convert(self, given: Any, count: int = 0) -> np.ndarray:
+        vector = super().convert(given)
         return vector / np.linalg.norm(vector)
 
 
 @dataclass(frozen=True)
-class Points(Value):
+class Points(Numbers):
     """A list of at least one point."""
 
     unit: Unit
@@ -255,20 +268,21 @@ class Points(Value):
     def allowed(self, count: int = 0) -> str:
         return f"a list of points, each [x, y, z] in {self.unit.name}"
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
-        if not isinstance(given, list) or not given:
-            raise Refused(self.allowed())
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, list) and len(given) > 0
+
+    def convert(self, given: Any, count: int = 0) -> np.ndarray:
         for point in given:
             if not is_numbers(point, 3):
                 raise Refused(self.allowed(), point)
-        return np.array(given, dtype=float) * self.unit.factor
+        return super().convert(given)
 
     def schema(self) -> dict[str, Any]:
-        return {**_list_of(Vector(self.unit).schema(), 1), "minItems": 1}
+        return _list_of(Vector(self.unit).schema(), 1)
 
 
 @dataclass(frozen=True)
-class Tensor(Value):
+class Tensor(Numbers):
     """Three principal values or a symmetric 3 x 3 matrix; read as a matrix."""
 
     unit: Unit
@@ -276,15 +290,17 @@ class Tensor(Value):
     def allowed(self, count: int = 0) -> str:
         return f"three principal moments, or a symmetric 3 x 3 matrix, of finite numbers in {self.unit.name}"
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
+    def accepts(self, given: Any, count: int = 0) -> bool:
         if is_numbers(given, 3):
-            return np.diag(np.array(given, dtype=float)) * self.unit.factor
+            return True
         if not isinstance(given, list) or len(given) != 3 or not all(is_numbers(row, 3) for row in given):
-            raise Refused(self.allowed())
-        tensor = np.array(given, dtype=float) * self.unit.factor
-        if np.abs(tensor - tensor.T).max() > 1e-9 * np.abs(tensor).max():
-            raise Refused(self.allowed())
-        return 0.5 * (tensor + tensor.T)
+            return False
+        tensor = np.array(given, dtype=float)
+        return bool(np.abs(tensor - tensor.T).max() <= 1e-9 * np.abs(tensor).max())
+
+    def convert(self, given: Any, count: int = 0) -> np.ndarray:
+        tensor = super().convert(given)
+        return np.diag(tensor) if tensor.ndim == 1 else 0.5 * (tensor + tensor.T)
 
     def schema(self) -> dict[str, Any]:
         row = _list_of({"type": "number"}, 3, 3)
@@ -300,9 +316,10 @@ class Choice(Value):
     def allowed(self, count: int = 0) -> str:
         return f"one of {', '.join(map(repr, self.meanings))}"
 
-    def read(self, given: Any, count: int = 0) -> Any:
-        if not isinstance(given, str) or given not in self.meanings:
-            raise Refused(self.allowed())
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, str) and given in self.meanings
+
+    def convert(self, given: Any, count: int = 0) -> Any:
         return self.meanings[given]
 
     def schema(self) -> dict[str, Any]:
@@ -316,10 +333,8 @@ class Flag(Value):
     def allowed(self, count: int = 0) -> str:
         return "true or false"
 
-    def read(self, given: Any, count: int = 0) -> bool:
-        if not isinstance(given, bool):
-            raise Refused(self.allowed())
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, bool)
 
     def schema(self) -> dict[str, Any]:
         return {"type": "boolean"}
@@ -327,33 +342,27 @@ class Flag(Value):
 
 @dataclass(frozen=True)
 class Text(Value):
-    """Any text; `examples` are offered by editors."""
-
-    examples: tuple[str, ...] = ()
+    """Any text."""
 
     def allowed(self, count: int = 0) -> str:
         return "a text in quotes"
 
-    def read(self, given: Any, count: int = 0) -> str:
-        if not isinstance(given, str):
-            raise Refused(self.allowed())
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, str)
 
     def schema(self) -> dict[str, Any]:
-        # Any text is valid; a list beside it lets editors complete.
-        text: dict[str, Any] = {"type": "string"}
-        return {"anyOf": [{"enum": list(self.examples)}, text]} if self.examples else text
+        return {"type": "string"}
 
 
 @dataclass(frozen=True)
 class Word(Text):
     """One of some words, or what matches a pattern; the reader of the key has more to say than that."""
 
-    pattern: str = ""
+    words: tuple[str, ...]
+    pattern: str
 
     def schema(self) -> dict[str, Any]:
-        words: dict[str, Any] = {"enum": list(self.examples)}
-        return {"anyOf": [words, {"type": "string", "pattern": self.pattern}]} if self.pattern else words
+        return {"anyOf": [{"enum": list(self.words)}, {"type": "string", "pattern": self.pattern}]}
 
 
 @dataclass(frozen=True)
@@ -373,14 +382,8 @@ class Name(Text):
     def allowed(self, count: int = 0) -> str:
         return f"a name of 1 to {self.longest} printable characters"
 
-    def accepts(self, given: str) -> bool:
-        """Whether a text is such a name."""
-        return 0 < len(given.strip()) <= len(given) <= self.longest and given.isprintable()
-
-    def read(self, given: Any, count: int = 0) -> str:
-        if not self.accepts(super().read(given)):
-            raise Refused(self.allowed())
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return super().accepts(given) and 0 < len(given.strip()) <= len(given) <= self.longest and given.isprintable()
 
     def schema(self) -> dict[str, Any]:
         return {"type": "string", "minLength": 1, "maxLength": self.longest}
@@ -393,10 +396,8 @@ class Names(Value):
     def allowed(self, count: int = 0) -> str:
         return "a list of at least two names of uncertain inputs"
 
-    def read(self, given: Any, count: int = 0) -> list[str]:
-        if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
-            raise Refused(self.allowed())
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, list) and all(isinstance(name, str) for name in given)
 
     def schema(self) -> dict[str, Any]:
         # One name may stand for the inputs of all springs.
@@ -410,10 +411,8 @@ class SpringCount(Value):
     def allowed(self, count: int = 0) -> str:
         return f"a whole number from 1 to {MAXIMUM_SPRINGS}"
 
-    def read(self, given: Any, count: int = 0) -> int:
-        if isinstance(given, bool) or not isinstance(given, int) or not 1 <= given <= MAXIMUM_SPRINGS:
-            raise Refused(self.allowed())
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return type(given) is int and 1 <= given <= MAXIMUM_SPRINGS
 
     def schema(self) -> dict[str, Any]:
         return {"type": "integer", "minimum": 1, "maximum": MAXIMUM_SPRINGS}
@@ -426,15 +425,16 @@ class SpringNumbers(Value):
     def allowed(self, count: int = 0) -> str:
         return f"a list of different spring numbers, from 1 to {count}"
 
-    def read(self, given: Any, count: int = 0) -> list[int]:
+    def accepts(self, given: Any, count: int = 0) -> bool:
         if not isinstance(given, list) or not all(type(n) is int and 1 <= n <= count for n in given):
-            raise Refused(self.allowed(count))
-        if len(set(given)) < len(given):
-            raise Refused(self.allowed(count))
+            return False
+        return len(set(given)) == len(given)
+
+    def convert(self, given: Any, count: int = 0) -> list[int]:
         return [n - 1 for n in given]
 
     def schema(self) -> dict[str, Any]:
-        return {**_list_of({**SpringCount().schema()}, 0), "uniqueItems": True}
+        return {**_list_of(SpringCount().schema(), 0), "uniqueItems": True}
 
 
 @dataclass(frozen=True)
@@ -444,8 +444,8 @@ class ForceTables(Value):
     def allowed(self, count: int = 0) -> str:
         return "rows [[stroke, force], ...] or the name of a CSV file"
 
-    def read(self, given: Any, count: int = 0) -> Any:
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return True
 
     def schema(self) -> dict[str, Any]:
         row = {"type": "array", "items": [{"type": "number"}, {"type": "number", "minimum": 0}], "minItems": 2}
@@ -463,11 +463,12 @@ class Attitude(Value):
     def allowed(self, count: int = 0) -> str:
         return f"roll, pitch, yaw in {self.unit.name}, or a quaternion [w, x, y, z] of norm 1"
 
-    def read(self, given: Any, count: int = 0) -> np.ndarray:
-        if is_numbers(given, 3):
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return is_numbers(given, 3) or is_numbers(given, 4)
+
+    def convert(self, given: Any, count: int = 0) -> np.ndarray:
+        if len(given) == 3:
             return quaternion_from_euler_angles(*(float(angle) * self.unit.factor for angle in given))
-        if not is_numbers(given, 4):
-            raise Refused(self.allowed())
         norm = math.hypot(*given)
         if abs(norm - 1.0) > 1e-6:
             raise Refused(f"{self.allowed()} (its norm is {norm:.6g})")
@@ -484,8 +485,8 @@ class Scatter(Value):
     def allowed(self, count: int = 0) -> str:
         return "a finite, positive number, or a percentage such as '1.5 %'"
 
-    def read(self, given: Any, count: int = 0) -> Any:
-        return given
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return True
 
     def schema(self) -> dict[str, Any]:
         number = {"type": "number", "exclusiveMinimum": 0}
