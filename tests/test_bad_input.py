@@ -9,7 +9,7 @@ from separation_cases import BOX, SQUARE, general_separation, mixed_springs, sym
 
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.relative_orbit import Recontact
-from satsep_ot.dynamics.separation import Body, Springs, Status, umbilical
+from satsep_ot.dynamics.separation import Body, Springs, Status, invalid_parameter, umbilical
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients, trajectory
 from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.model.case import CaseError, load_case, parse_case
@@ -96,8 +96,8 @@ def test_python_interface(name, value):
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
-        ([[0.0, 200.0], [0.02, 90.0], [0.01, 50.0], [0.03, 9.0]], "stroke 0.01 m follows 0.02 m; ascending"),
-        ([[0.0, 200.0], [0.01, 90.0], [0.01, 50.0], [0.03, 9.0]], "stroke 0.01 m follows 0.01 m; ascending"),
+        ([[0.0, 200.0], [0.02, 90.0], [0.01, 50.0], [0.03, 9.0]], "stroke 0.01 m follows 0.02 m; strokes must ascend"),
+        ([[0.0, 200.0], [0.01, 90.0], [0.01, 50.0], [0.03, 9.0]], "stroke 0.01 m follows 0.01 m; strokes must ascend"),
         ([[0.0, 200.0], [0.02, 90.0]], "goes from 0.0 to 0.02 m; it must cover 0 to 0.03 m"),
         ([[0.01, 200.0], [0.03, 90.0]], "goes from 0.01 to 0.03 m"),
         ([[0.0, 200.0]], "two or more"),
@@ -133,6 +133,9 @@ def test_every_parameter_of_a_run_at_every_absurd_value(force_line):
         rows[i * count : (i + 1) * count, i] = VALUES
     outcome = simulate(separation, rows)
     finished = outcome.status == Status.OK
+    # The kernels refuse what Python names, and nothing else.
+    named = [invalid_parameter(separation, row) is not None for row in rows]
+    np.testing.assert_array_equal(outcome.status == Status.INVALID_PARAMETERS, named)
     assert np.isfinite(outcome.base[finished]).all()
     assert np.isnan(outcome.base[~finished]).all()
     assert outcome.steps.max() <= 1000

@@ -52,9 +52,9 @@ def test_an_orbit_that_is_not_closed_has_no_period():
 @pytest.mark.parametrize(
     ("elements", "message"),
     [
-        ((-7e6, 0.0, 0.0), "semi_major_axis = -7000000.0 m; a positive length is allowed"),
+        ((-7e6, 0.0, 0.0), "semi_major_axis = -7000000.0 m; it must be positive and finite"),
         ((np.nan, 0.0, 0.0), "semi_major_axis = nan"),
-        ((7e6, 1.0, 0.0), "eccentricity = 1.0; 0 to below 1 is allowed"),
+        ((7e6, 1.0, 0.0), "eccentricity = 1.0; it must be at least 0 and below 1"),
         ((7e6, -0.1, 0.0), "eccentricity = -0.1"),
         ((7e6, 0.1, 0.0), "the perigee is 6300 km from the centre of the Earth"),
         ((7e6, 0.0, np.inf), "the angles of the orbit are (inf,"),
@@ -68,7 +68,7 @@ def test_elements_that_are_no_orbit_are_refused(elements, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([7e6, 0.0], [0.0, 7e3, 0.0]), "orbit.position = [7000000.0, 0.0]; 3 finite coordinates"),
+        (([7e6, 0.0], [0.0, 7e3, 0.0]), "orbit.position = [7000000.0, 0.0]; it must be 3 finite coordinates"),
         (([7e6, 0.0, 0.0], [0.0, np.nan, 0.0]), "orbit.velocity"),
         (([0.0, 0.0, 0.0], [0.0, 7e3, 0.0]), "orbit.position is the centre of the Earth"),
         (([7e6, 0.0, 0.0], [0.0, 7e3, 0.0], -1.0), "orbit.mu = -1.0 m3/s2"),

@@ -92,7 +92,7 @@ def test_vectors_that_make_no_sense(name, value, words):
 def test_a_vector_of_another_length():
     separation = SEPARATIONS["strut"]
     size = separation.parameters().size
-    with pytest.raises(ValueError, match=rf"shape \({size - 1},\); \({size},\) is needed"):
+    with pytest.raises(ValueError, match=rf"shape \({size - 1},\); it must be \({size},\)"):
         separation.with_parameters(separation.parameters()[:-1])
 
 
@@ -125,7 +125,7 @@ def test_parts_are_inverted_too():
 
 def test_signs():
     assert [[sign.allows(value) for value in (-1.0, 0.0, 1.0)] for sign in Sign] == [
-        [True, True, True], [False, False, True], [False, True, True],
+        [True, True, True], [False, False, True], [False, True, True], [False, True, False],
     ]  # fmt: skip
 
 

@@ -238,8 +238,8 @@ def test_absurd_rates_end_in_bounded_steps(rates):
         ({"gradient_torque": True}, "without an orbit"),
         ({"envelope": [[0.0, 1.0, 0.0]], "recess_radius": 0.5, "recess_depth": 0.25}, "no point lies in the recess"),
         ({"horizon": -1.0}, "horizon = -1.0 s"),
-        ({"rates": [0.0, 1.0]}, "rates = [0.0, 1.0]; 3 numbers are allowed"),
-        ({"attitude": [1.0, 0.0, 0.0]}, "attitude = [1.0, 0.0, 0.0]; 4 numbers are allowed"),
+        ({"rates": [0.0, 1.0]}, "rates = [0.0, 1.0]; it must be 3 numbers"),
+        ({"attitude": [1.0, 0.0, 0.0]}, "attitude = [1.0, 0.0, 0.0]; it must be 4 numbers"),
         ({"recontact": Recontact()}, "recontact is asked for without an orbit"),
     ],
 )
@@ -266,9 +266,11 @@ def test_arguments_of_simulate_are_checked():
 
 def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
     table = [[0.0, 200.0], [0.03, 100.0]]
-    with pytest.raises(ValueError, match=r"springs\.tables has 3 entries; one \(or None\) for each of 4 springs"):
+    with pytest.raises(
+        ValueError, match=r"springs\.tables has 3 entries; it must have one \(or None\) for each of 4 springs"
+    ):
         Springs(SQUARE, 0.3, 0.0, 0.0, 0.03, tables=[table] * 3)
-    with pytest.raises(ValueError, match=r"springs\.laws = .*one law for each spring, TABLE where there is a table"):
+    with pytest.raises(ValueError, match=r"springs\.laws = .*they must be one for each spring, and one with a table where"):
         Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, laws=[ForceLaw.TABLE] * 4)
     # A spring with a table has no stiffness of its own.
     with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; it must be 0, since another law"):

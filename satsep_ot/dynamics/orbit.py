@@ -57,12 +57,12 @@ class Orbit:
         for name in ("position", "velocity"):
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape != (3,) or not np.isfinite(value).all():
-                raise ValueError(f"orbit.{name} = {getattr(self, name)!r}; 3 finite coordinates are allowed")
+                raise ValueError(f"orbit.{name} = {getattr(self, name)!r}; it must be 3 finite coordinates")
             object.__setattr__(self, name, value)
         if not np.linalg.norm(self.position) > 0.0:
-            raise ValueError("orbit.position is the centre of the Earth; a point away from it is allowed")
+            raise ValueError("orbit.position is the centre of the Earth; it must be a point away from it")
         if not 0.0 < self.mu < np.inf:
-            raise ValueError(f"orbit.mu = {self.mu} m3/s2; a positive number is allowed")
+            raise ValueError(f"orbit.mu = {self.mu} m3/s2; it must be positive and finite")
 
     @classmethod
     def from_elements(
@@ -111,17 +111,17 @@ class Orbit:
         """
         angles = (inclination, right_ascension, argument_of_perigee, true_anomaly)
         if not np.isfinite(angles).all():
-            raise ValueError(f"the angles of the orbit are {angles} rad; finite ones are allowed")
+            raise ValueError(f"the angles of the orbit are {angles} rad; they must be finite")
         if not 0.0 < semi_major_axis < np.inf:
-            raise ValueError(f"semi_major_axis = {semi_major_axis} m; a positive length is allowed")
+            raise ValueError(f"semi_major_axis = {semi_major_axis} m; it must be positive and finite")
         if not 0.0 <= eccentricity < 1.0:
-            raise ValueError(f"eccentricity = {eccentricity}; 0 to below 1 is allowed (a closed orbit)")
+            raise ValueError(f"eccentricity = {eccentricity}; it must be at least 0 and below 1 (a closed orbit)")
         perigee = semi_major_axis * (1.0 - eccentricity)
         if perigee < EARTH_RADIUS:
             raise ValueError(
                 f"the perigee is {1e-3 * perigee:.6g} km from the centre of the Earth (semi_major_axis = "
-                f"{1e-3 * semi_major_axis:.6g} km, eccentricity = {eccentricity:g}); above the surface, "
-                f"{1e-3 * EARTH_RADIUS:.6g} km, is allowed"
+                f"{1e-3 * semi_major_axis:.6g} km, eccentricity = {eccentricity:g}); it must be above "
+                f"the surface, {1e-3 * EARTH_RADIUS:.6g} km"
             )
         ci, si = math.cos(inclination), math.sin(inclination)
         cn, sn = math.cos(right_ascension), math.sin(right_ascension)

@@ -6,6 +6,7 @@ order of the fields is their order in the vector.
 
 import enum
 import functools
+import math
 from dataclasses import dataclass
 from typing import get_type_hints
 
@@ -20,16 +21,31 @@ class Sign(enum.Enum):
     --------
     >>> from satsep_ot.dynamics.parameter_vector import Sign
     >>> [sign.allows(0.0) for sign in Sign]
-    [True, False, True]
+    [True, False, True, True]
     """
 
     ANY = ""
     POSITIVE = "positive"
     NOT_NEGATIVE = "not negative"
+    ZERO = "0"
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """The smallest and the largest number of this sign: one statement for Python and for the kernels."""
+        return _LIMITS[self]
 
     def allows(self, value: float) -> bool:
         """Whether a number has this sign."""
-        return self is Sign.ANY or value > 0.0 or (self is Sign.NOT_NEGATIVE and value == 0.0)
+        lowest, highest = self.limits
+        return bool(lowest <= value <= highest)
+
+
+_LIMITS = {
+    Sign.ANY: (-math.inf, math.inf),
+    Sign.POSITIVE: (math.nextafter(0.0, 1.0), math.inf),
+    Sign.NOT_NEGATIVE: (0.0, math.inf),
+    Sign.ZERO: (0.0, 0.0),
+}
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ from satsep_ot.dynamics.gravity import EARTH_RADIUS
 from satsep_ot.dynamics.kernels.coast import ADJOINT_SIZE, COAST_SIZE, STAGE_NUMBER, approach_all
 from satsep_ot.dynamics.kernels.compilation import prepare
 from satsep_ot.dynamics.kernels.records import STATE_SIZE
-from satsep_ot.dynamics.kernels.vectors import rotation
+from satsep_ot.dynamics.kernels.vectors import quaternion_adjoint, rotation
 from satsep_ot.dynamics.orbit import EARTH_J2, Orbit
 
 MAXIMUM_ORBITS = 100.0
@@ -80,8 +80,8 @@ class Recontact:
     def __post_init__(self):
         if not 0.0 <= self.start_orbits < self.end_orbits <= MAXIMUM_ORBITS:
             raise ValueError(
-                f"the window of re-contact is {self.start_orbits} to {self.end_orbits} orbits; 0 <= start_orbits < "
-                f"end_orbits <= {MAXIMUM_ORBITS:g} is allowed"
+                f"the window of re-contact is {self.start_orbits} to {self.end_orbits} orbits; it must be "
+                f"0 <= start_orbits < end_orbits <= {MAXIMUM_ORBITS:g}"
             )
 
 
@@ -110,7 +110,7 @@ def anomaly_after(angle: np.ndarray, p: np.ndarray, s: np.ndarray) -> np.ndarray
 def check_orbit(orbit: Orbit) -> None:
     """Refuse an orbit that no coast can be computed on, with a ValueError."""
     if not math.isfinite(orbit.period):
-        raise ValueError("the orbit is not closed, so it has no period; a velocity below that of escape is allowed")
+        raise ValueError("the orbit is not closed, so it has no period; its velocity must be below that of escape")
     radius = np.linalg.norm(orbit.position)
     momentum, energy = (
         np.cross(orbit.position, orbit.velocity),
@@ -118,7 +118,9 @@ def check_orbit(orbit: Orbit) -> None:
     )
     eccentricity = math.sqrt(max(0.0, 1.0 + 2.0 * energy * (momentum @ momentum) / orbit.mu**2))
     if not eccentricity <= MAXIMUM_ECCENTRICITY:
-        raise ValueError(f"the orbit has the eccentricity {eccentricity:.4g}; up to {MAXIMUM_ECCENTRICITY} is allowed")
+        raise ValueError(
+            f"the orbit has the eccentricity {eccentricity:.4g}; it must be at most {MAXIMUM_ECCENTRICITY}"
+        )
 
 
 class KeplerOrbit(NamedTuple):
@@ -217,12 +219,7 @@ def _release_gradient(states, masses, orbit, y, o, turn):
             matrix[i, j] = by_d * states[:, j] + by_w * states[:, 3 + j]
             share += turn[i, j] * ((r1 + r2) * states[:, j] + (v1 + v2) * states[:, 3 + j])
     gradient[:, 21], gradient[:, 22] = share * m2 / total**2, -share * m1 / total**2
-    a, b, c = matrix
-    q0, q1, q2, q3 = states[:, 16:20].T
-    gradient[:, 16] = 2.0 * (q3 * (b[0] - a[1]) + q2 * (a[2] - c[0]) + q1 * (c[1] - b[2]))
-    gradient[:, 17] = 2.0 * (q2 * (a[1] + b[0]) + q3 * (a[2] + c[0]) + q0 * (c[1] - b[2]) - 2.0 * q1 * (b[1] + c[2]))
-    gradient[:, 18] = 2.0 * (q1 * (a[1] + b[0]) + q3 * (b[2] + c[1]) + q0 * (a[2] - c[0]) - 2.0 * q2 * (a[0] + c[2]))
-    gradient[:, 19] = 2.0 * (q1 * (a[2] + c[0]) + q2 * (b[2] + c[1]) + q0 * (b[0] - a[1]) - 2.0 * q3 * (a[0] + b[1]))
+    gradient[:, 16:20] = np.stack(quaternion_adjoint(states[:, 16:20].T, matrix.reshape(9, len(y))), axis=1)
     return gradient
 
 
@@ -289,7 +286,7 @@ def closest_approaches(
         ("masses", masses, (count, 2)),
     ):
         if value.shape != shape:
-            raise ValueError(f"{name} has shape {value.shape}; {shape} is allowed")
+            raise ValueError(f"{name} has shape {value.shape}; it must be {shape}")
     rows = np.isfinite(states).all(axis=1) & np.isfinite(release_times) & (masses > 0.0).all(axis=1)
     states, release_times, masses = states[rows], release_times[rows], masses[rows]
     start, end = (np.full(len(states), 2.0 * math.pi * orbits) for orbits in (window.start_orbits, window.end_orbits))
@@ -343,7 +340,7 @@ def coast(state: np.ndarray, release_time: float, masses: ArrayLike, orbit: Orbi
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not ((times >= 0.0) & (times < np.inf)).all():
-        raise ValueError("times: finite ones that are not negative are allowed")
+        raise ValueError(f"times = {times.tolist()} s; they must be finite and not negative")
     count = len(times)
     states, masses = (np.tile(np.asarray(value, dtype=float), (count, 1)) for value in (state, masses))
     # A window without length at each time.

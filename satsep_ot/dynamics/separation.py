@@ -74,7 +74,7 @@ class Body:
         inertia = np.diag(inertia) if inertia.shape == (3,) else inertia
         if inertia.shape != (3, 3) or not np.array_equal(inertia, inertia.T):
             raise ValueError(
-                f"inertia = {self.inertia!r}; it is 3 principal moments or a symmetric 3 x 3 tensor [kg m2]"
+                f"inertia = {self.inertia!r}; it must be 3 principal moments or a symmetric 3 x 3 tensor [kg m2]"
             )
         object.__setattr__(self, "inertia", inertia)
         object.__setattr__(self, "center_of_mass", np.asarray(self.center_of_mass, dtype=float))
@@ -206,15 +206,15 @@ class Separation:
         for name, size in vectors:
             value = np.asarray(getattr(self, name), dtype=float)
             if value.shape != (size,):
-                raise ValueError(f"{name} = {getattr(self, name)!r}; {size} numbers are allowed")
+                raise ValueError(f"{name} = {getattr(self, name)!r}; it must be {size} numbers")
             object.__setattr__(self, name, value)
         object.__setattr__(self, "force_line", ForceLine(self.force_line))
         norm = np.linalg.norm(self.attitude)
         if not 0.0 < norm < np.inf:
-            raise ValueError(f"attitude = {self.attitude.tolist()}; a quaternion of norm above 0 is allowed")
+            raise ValueError(f"attitude = {self.attitude.tolist()}; it must be a quaternion of norm above 0")
         object.__setattr__(self, "attitude", self.attitude / norm)
         if not 0.0 < self.horizon < np.inf:
-            raise ValueError(f"horizon = {self.horizon} s; a positive time is allowed")
+            raise ValueError(f"horizon = {self.horizon} s; it must be positive and finite")
         if self.gradient_torque and self.orbit is None:
             raise ValueError("gradient_torque is on without an orbit; give the orbit or switch it off")
         if self.recontact is not None and self.orbit is None:
@@ -224,13 +224,13 @@ class Separation:
         )
         if planes.shape[1:] != (4,) or not np.isfinite(planes).all() or not planes[:, :3].any(axis=1).all():
             raise ValueError(
-                f"recess_planes = {planes.tolist()}; finite rows of a normal, not 0, and an offset [m] are allowed"
+                f"recess_planes = {planes.tolist()}; each must be a normal, not 0, and an offset [m], all finite"
             )
         object.__setattr__(self, "recess_planes", planes / np.linalg.norm(planes[:, :3], axis=1, keepdims=True))
         if self.envelope is not None:
             points = np.atleast_2d(np.asarray(self.envelope, dtype=float))
             if points.shape[1:] != (3,) or not np.isfinite(points).all():
-                raise ValueError(f"envelope has shape {points.shape}; finite points of 3 coordinates [m] are allowed")
+                raise ValueError(f"envelope has shape {points.shape}; it must be points of 3 finite coordinates [m]")
             object.__setattr__(self, "envelope", points)
         self._check_parameters()
 
@@ -286,7 +286,7 @@ class Separation:
         vector = np.array(vector, dtype=float)
         where = self.parameter_places()
         if vector.shape != (len(where),):
-            raise ValueError(f"the parameter vector has shape {vector.shape}; ({len(where)},) is needed")
+            raise ValueError(f"the parameter vector has shape {vector.shape}; it must be ({len(where)},)")
         numbers: dict[str, list[float]] = {}
         for place, value in zip(where, vector, strict=True):
             owner = place.path.split(".")[0]
@@ -329,6 +329,11 @@ class Separation:
         elif self.recess_radius == 0.0:
             unused["recess_radius"] = "planes alone bound the recess"
         return unused
+
+    def parameter_signs(self) -> list[Sign]:
+        """The sign that each of the P parameters must have in this separation; ZERO where it plays no part."""
+        zero = self._zero_parameters()
+        return [Sign.ZERO if place.name in zero else self._sign_needed(place) for place in self.parameter_places()]
 
     def _zero_parameters(self):
         zero = {}
@@ -404,16 +409,11 @@ PLATFORM, SATELLITE = _first("platform"), _first("satellite")
 def invalid_parameter(separation: Separation, parameters: np.ndarray) -> str | None:
     """What is wrong with a parameter vector, in one sentence that names it; None if nothing is."""
     zero = separation._zero_parameters()
-    for place, value in zip(separation.parameter_places(), parameters, strict=True):
+    for name, sign, value in zip(separation.parameter_names(), separation.parameter_signs(), parameters, strict=True):
         if not np.abs(value) < LARGEST:
-            return f"{place.name} = {value}; it must be a finite number of size below {LARGEST:g}"
-        if place.name in zero:
-            if value != 0.0:
-                return f"{place.name} = {value}; it must be 0, since {zero[place.name]}"
-            continue
-        sign = separation._sign_needed(place)
+            return f"{name} = {value}; it must be a finite number of size below {LARGEST:g}"
         if not sign.allows(value):
-            return f"{place.name} = {value}; it must be {sign.value}"
+            return f"{name} = {value}; it must be {sign.value}" + (f", since {zero[name]}" if name in zero else "")
     for body, start in (("platform", PLATFORM), ("satellite", SATELLITE)):
         moments = np.linalg.eigvalsh(inertia_tensor(*parameters[start + 1 : start + 7]))
         if not is_inertia(moments):

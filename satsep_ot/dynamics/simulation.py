@@ -51,7 +51,7 @@ def _buffers(separation, slots):
     """The memory of some runs, which holds what all runs of the separation share."""
     points, planes = separation.recess_points(), separation.recess_planes
     spring_number, point_number, plane_number = len(separation.springs), len(points), len(planes)
-    springs, cubics = spring_records(separation.springs, separation.force_line)
+    springs, cubics = spring_records(separation.springs)
     buffers = Buffers(
         systems=np.zeros(slots, records.SYSTEM),
         springs=np.zeros((slots, spring_number), records.SPRING),
@@ -61,6 +61,7 @@ def _buffers(separation, slots):
         tapes=np.zeros((slots, MAXIMUM_STEPS + 1), records.TAPE),
         steps=np.zeros(1, records.STEP),
         progress=np.zeros(1, records.PROGRESS),
+        limits=np.array([sign.limits for sign in separation.parameter_signs()]),
         parameters=np.zeros(1, PARAMETERS),
         spring_parameters=np.zeros(spring_number, SPRING_PARAMETERS),
         offsets=np.empty(plane_number),
@@ -76,6 +77,7 @@ def _buffers(separation, slots):
     buffers.systems["has_stowed_length"] = separation.force_line.has_stowed_length
     buffers.systems["gravity"] = gravity_level(separation)
     buffers.springs[:] = springs
+    buffers.springs["in_sums"] = springs["is_linear"] * separation.force_line.is_fixed
     buffers.points["place"] = points
     buffers.planes["normal"] = planes[:, :3]
     return buffers
@@ -186,14 +188,14 @@ def parameter_rows(separation: Separation, parameters: ArrayLike | None) -> np.n
     # Kernels are compiled for arrays that can be written, as they all are but those that another process has sent.
     rows = np.require(np.atleast_2d(np.asarray(given, dtype=float)), requirements=["C", "A", "W"])
     if rows.ndim != 2 or rows.shape[1] != nominal.size:
-        raise ValueError(f"parameters has shape {rows.shape}; (n, {nominal.size}) is allowed")
+        raise ValueError(f"parameters has shape {rows.shape}; it must be (n, {nominal.size})")
     return rows
 
 
 def check_tolerance(tolerance: float) -> float:
     """Refuse a tolerance that double precision cannot give or that means nothing."""
     if not 1e-13 <= tolerance <= 1e-2:
-        raise ValueError(f"tolerance = {tolerance}; 1e-13 to 1e-2 is allowed")
+        raise ValueError(f"tolerance = {tolerance}; it must be between 1e-13 and 0.01")
     return float(tolerance)
 
 
@@ -253,7 +255,7 @@ def simulate_with_gradients(
     table = quantity_table(separation)
     unknown = set(quantities or ()) - set(table)
     if unknown:
-        raise ValueError(f"quantities: {sorted(unknown)} is unknown; {sorted(table)} are allowed")
+        raise ValueError(f"quantities: {sorted(unknown)} is unknown; they must be among {sorted(table)}")
     fields = base_fields(separation)
     wanted = {field for name in quantities or table for field in table[name].fields}
     recontact = "recontact_distance" in wanted
@@ -396,7 +398,7 @@ def trajectory(
     """
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or not np.isfinite(times).all() or (np.diff(times) < 0.0).any() or (times < 0.0).any():
-        raise ValueError(f"times = {times.tolist()}; finite, ascending times that are not negative are allowed [s]")
+        raise ValueError(f"times = {times.tolist()}; they must be finite, not negative and ascending [s]")
     outcome, states, _ = _simulate(
         separation, None if parameters is None else np.atleast_2d(parameters)[:1], times, tolerance
     )

@@ -68,12 +68,14 @@ class Springs:
             value = np.asarray(getattr(self, name), dtype=float)
             if value.ndim > 1 or (value.ndim == 1 and value.size != count) or count == 0:
                 raise ValueError(
-                    f"springs.{name} has shape {value.shape}; one number or {count} (at least 1) are allowed"
+                    f"springs.{name} has shape {value.shape}; it must be one number or {count} (at least 1)"
                 )
             object.__setattr__(self, name, np.broadcast_to(value, count).copy())
         tables = (None,) * count if self.tables is None else tuple(self.tables)
         if len(tables) != count:
-            raise ValueError(f"springs.tables has {len(tables)} entries; one (or None) for each of {count} springs")
+            raise ValueError(
+                f"springs.tables has {len(tables)} entries; it must have one (or None) for each of {count} springs"
+            )
         tables = tuple(
             None if table is None else _checked_table(i, table, self.stroke[i]) for i, table in enumerate(tables)
         )
@@ -82,7 +84,10 @@ class Springs:
         if laws.shape != (count,) or any(
             ForceLaw(law).has_table != (tables[i] is not None) for i, law in enumerate(laws)
         ):
-            raise ValueError(f"springs.laws = {laws.tolist()}; one law for each spring, TABLE where there is a table")
+            raise ValueError(
+                f"springs.laws = {laws.tolist()}; they must be one for each spring, and one with a table where there "
+                "is a table"
+            )
         object.__setattr__(self, "tables", tables)
         object.__setattr__(self, "laws", laws)
 
@@ -130,20 +135,20 @@ def _checked_table(i, table, stroke):
     table = np.asarray(table, dtype=float)
     if table.ndim != 2 or table.shape[1] != 2 or len(table) < 2:
         raise ValueError(
-            f"springs.tables[{i}] has shape {table.shape}; two or more rows of stroke [m] and force [N] are needed"
+            f"springs.tables[{i}] has shape {table.shape}; it must have two or more rows of stroke [m] and force [N]"
         )
     wrong = np.argwhere(~np.isfinite(table) | (table < [-np.inf, 0.0]))
     if wrong.size:
         row, column = wrong[0]
         raise ValueError(
-            f"springs.tables[{i}]: {('stroke', 'force')[column]} = {table[row, column]} in row {row}; finite strokes "
-            "and forces that are finite and not negative are allowed"
+            f"springs.tables[{i}]: {('stroke', 'force')[column]} = {table[row, column]} in row {row}; it must be "
+            "finite, and a force not negative"
         )
     back = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
     if back.size:
         k = back[0]
         raise ValueError(
-            f"springs.tables[{i}]: stroke {table[k + 1, 0]} m follows {table[k, 0]} m; ascending strokes are allowed"
+            f"springs.tables[{i}]: stroke {table[k + 1, 0]} m follows {table[k, 0]} m; strokes must ascend"
         )
     if table[0, 0] > 0.0 or table[-1, 0] < stroke:
         raise ValueError(
@@ -186,7 +191,7 @@ def umbilical(
     2
     """
     if not 0.0 <= friction < np.inf:
-        raise ValueError(f"friction = {friction} N; a force that is not negative is allowed")
+        raise ValueError(f"friction = {friction} N; it must be finite and not negative")
     return Springs(
         [angle, angle],
         radius,
@@ -224,13 +229,12 @@ def table_cubics(tables: Sequence[np.ndarray | None]) -> tuple[np.ndarray, np.nd
     return cubics, first, number
 
 
-def spring_records(springs: Springs, force_line: ForceLine) -> tuple[np.ndarray, np.ndarray]:
-    """The springs as the kernels take them, without what the parameters of a run say.
+def spring_records(springs: Springs) -> tuple[np.ndarray, np.ndarray]:
+    """The springs as the kernels take them, without what the parameters of a run and the force line say.
 
     Parameters
     ----------
     springs : Springs
-    force_line : ForceLine
 
     Returns
     -------
@@ -245,13 +249,12 @@ def spring_records(springs: Springs, force_line: ForceLine) -> tuple[np.ndarray,
     result["law"] = springs.laws
     for name in ("is_linear", "has_stiffness", "has_table", "holds_back"):
         result[name] = springs.law_property(name)
-    result["in_sums"] = result["is_linear"] * force_line.is_fixed
     return result, cubics
 
 
 def force_of(springs: Springs, i: int | np.integer, strokes: ArrayLike) -> np.ndarray:
     """The force of spring i [N] at some strokes [m], with its scale, as its law says it."""
-    records, cubics = spring_records(springs, ForceLine.GUIDED)
+    records, cubics = spring_records(springs)
     law = ForceLaw(springs.laws[i]).function
     forces = [law(records[i], cubics, stroke)[0] for stroke in np.ravel(strokes)]
     return springs.scale[i] * np.reshape(forces, np.shape(strokes))

@@ -26,7 +26,7 @@ def run_of(buffers, slot):
 def parameters_of(row, buffers):
     """The parameters of a run, from their flat vector."""
     read_parameters(row, buffers.parameters[0], buffers.spring_parameters, buffers.offsets)
-    return Parameters(row, buffers.parameters[0], buffers.spring_parameters, buffers.offsets)
+    return Parameters(row, buffers.limits, buffers.parameters[0], buffers.spring_parameters, buffers.offsets)
 
 
 @kernel

@@ -80,12 +80,11 @@ def largest_lever(body, arm_square):
 def set_springs(parameters, run):
     """Fill the records of the springs from the parameters.
 
-    Returns whether they are physical, the sum of the stiffnesses, twice the stored energy, the squares of the longest
-    arms on both bodies, the shortest release stroke and the largest deformation.
+    Returns the sum of the stiffnesses, twice the stored energy, the squares of the longest arms on both bodies, the
+    shortest release stroke and the largest deformation.
     """
     l_0 = parameters.common.stowed_length
     c_1, c_2 = parameters.common.platform.center_of_mass, parameters.common.satellite.center_of_mass
-    valid = True
     stiffness = 0.0
     energy = 0.0
     arm_1 = 0.0
@@ -94,7 +93,6 @@ def set_springs(parameters, run):
     shortest = np.inf
     for i in range(run.springs.shape[0]):
         given, spring = parameters.springs[i], run.springs[i]
-        valid = valid and given.radius >= 0.0 and given.stroke > 0.0 and given.delay >= 0.0 and given.scale >= 0.0
         cos_a, sin_a = math.cos(given.angle), math.sin(given.angle)
         cos_b, sin_b = math.cos(given.cant), math.sin(given.cant)
         n_1 = (-sin_b * sin_a, cos_b, sin_b * cos_a)
@@ -113,7 +111,6 @@ def set_springs(parameters, run):
         reach = given.stroke
         if spring.has_stiffness:
             # It pushes until it is relaxed.
-            valid = valid and given.stiffness > 0.0 and given.deformation > 0.0
             spring.release_stroke = smaller(given.stroke, given.deformation)
             reach = given.deformation
         if not spring.holds_back:
@@ -124,7 +121,17 @@ def set_springs(parameters, run):
         shortest = smaller(shortest, spring.release_stroke)
         arm_1 = larger(arm_1, dot(spring.platform_seat, spring.platform_seat))
         arm_2 = larger(arm_2, dot(spring.satellite_seat, spring.satellite_seat))
-    return valid, stiffness, energy, arm_1, arm_2, shortest, deformation
+    return stiffness, energy, arm_1, arm_2, shortest, deformation
+
+
+@kernel
+def are_allowed(parameters):
+    """Whether every parameter is finite and within the limits of its sign."""
+    allowed = True
+    for n in range(parameters.vector.shape[0]):
+        value, limits = parameters.vector[n], parameters.limits[n]
+        allowed = allowed and abs(value) < LARGEST and limits[0] <= value <= limits[1]
+    return allowed
 
 
 @kernel
@@ -134,23 +141,17 @@ def set_constants(parameters, orbit, run):
     Into `run.progress` go an upper estimate of the fastest frequency, the typical separation velocity and stroke.
     """
     given, system, state = parameters.common, run.system, run.tape[0].state
-    valid = given.platform.mass > 0.0 and given.satellite.mass > 0.0 and given.guide_friction >= 0.0
-    for n in range(parameters.vector.shape[0]):
-        valid = valid and abs(parameters.vector[n]) < LARGEST
+    valid = are_allowed(parameters)
     system.inverse_reduced_mass = 1.0 / given.platform.mass + 1.0 / given.satellite.mass
     valid = set_inertia(given.platform.inertia, system.platform) and valid
     valid = set_inertia(given.satellite.inertia, system.satellite) and valid
     put(system.platform.center_of_mass, given.platform.center_of_mass)
     put(system.satellite.center_of_mass, given.satellite.center_of_mass)
     l_0 = given.stowed_length
-    valid = valid and (l_0 > 0.0 if system.has_stowed_length else l_0 == 0.0)
     system.stowed_length = l_0
     system.guide_friction = given.guide_friction
     system.recess_radius = given.recess_radius
     system.recess_depth = given.recess_depth
-    if run.points.shape[0] > 0:
-        walls = given.recess_radius > 0.0 or (given.recess_radius == 0.0 and run.planes.shape[0] > 0)
-        valid = valid and walls and given.recess_depth > 0.0
     for i in range(run.planes.shape[0]):
         run.planes[i].offset = parameters.offsets[i]
     if system.gravity != NO_GRAVITY:
@@ -160,7 +161,7 @@ def set_constants(parameters, orbit, run):
         put(anchor.position, vector(orbit, 1))
         put(anchor.velocity, vector(orbit, 4))
         place_anchor(anchor)
-    physical, stiffness, energy, arm_1, arm_2, shortest, deformation = set_springs(parameters, run)
+    stiffness, energy, arm_1, arm_2, shortest, deformation = set_springs(parameters, run)
     set_initial_state(given, system, state)
     square = system.inverse_reduced_mass
     square += largest_lever(system.platform, arm_1) + largest_lever(system.satellite, arm_2)
@@ -171,7 +172,7 @@ def set_constants(parameters, orbit, run):
     run.progress.frequency = math.sqrt(square)
     run.progress.velocity = math.sqrt(energy * system.inverse_reduced_mass)
     run.progress.length = shortest
-    return valid and physical
+    return valid
 
 
 @kernel

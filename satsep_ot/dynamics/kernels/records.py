@@ -32,7 +32,7 @@ def record(*fields: tuple) -> np.dtype:
     """A record type of these fields: name, type and, for an array, its shape."""
     taken = [name for name, *_ in fields if hasattr(np.void, name)]
     if taken:
-        raise ValueError(f"{taken} are attributes of every number of numpy; other names of fields are allowed")
+        raise ValueError(f"{taken} are attributes of every number of numpy; a field must have another name")
     return np.dtype((Record, np.dtype(list(fields), align=True)))
 
 
@@ -236,6 +236,7 @@ class Parameters(NamedTuple):
     """The parameters of one run: the flat vector and its parts, see `satsep_ot.dynamics.separation.PARAMETERS`."""
 
     vector: Any  # (P,)
+    limits: Any  # (P, 2), smallest and largest value allowed
     common: Any  # record
     springs: Any  # records (N,)
     offsets: Any  # of the planes (W,)
@@ -311,7 +312,8 @@ class Buffers(NamedTuple):
     tapes: Any  # TAPE (S, MAXIMUM_STEPS + 1)
     steps: Any  # STEP (1,)
     progress: Any  # PROGRESS (1,)
-    parameters: Any  # see Parameters
+    limits: Any  # see Parameters
+    parameters: Any
     spring_parameters: Any
     offsets: Any
     gradients: Any  # see Gradients

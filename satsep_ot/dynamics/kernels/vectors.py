@@ -172,14 +172,26 @@ def add_rows(target, source):
 
 
 @inline
+def quaternion_adjoint(q, m):
+    """From the adjoint m of the matrix `rotation(q)`, row by row, to that of the quaternion, its numbers taken as free.
+
+    Numbers, or arrays of one shape.
+    """
+    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
+    return (
+        2.0 * (q3 * (m[3] - m[1]) + q2 * (m[2] - m[6]) + q1 * (m[7] - m[5])),
+        2.0 * (q2 * (m[1] + m[3]) + q3 * (m[2] + m[6]) + q0 * (m[7] - m[5]) - 2.0 * q1 * (m[4] + m[8])),
+        2.0 * (q1 * (m[1] + m[3]) + q3 * (m[5] + m[7]) + q0 * (m[2] - m[6]) - 2.0 * q2 * (m[0] + m[8])),
+        2.0 * (q1 * (m[2] + m[6]) + q2 * (m[5] + m[7]) + q0 * (m[3] - m[1]) - 2.0 * q3 * (m[0] + m[4])),
+    )
+
+
+@inline
 def rotation_adjoint(q, matrix, target):
     """Add to the adjoint of a quaternion, `target` (4, LANES), what that of its matrix says, (9, LANES)."""
-    q0, q1, q2, q3 = q[0], q[1], q[2], q[3]
     for n in range(LANES):
-        m00, m01, m02 = matrix[0, n], matrix[1, n], matrix[2, n]
-        m10, m11, m12 = matrix[3, n], matrix[4, n], matrix[5, n]
-        m20, m21, m22 = matrix[6, n], matrix[7, n], matrix[8, n]
-        target[0, n] += 2.0 * (q3 * (m10 - m01) + q2 * (m02 - m20) + q1 * (m21 - m12))
-        target[1, n] += 2.0 * (q2 * (m01 + m10) + q3 * (m02 + m20) + q0 * (m21 - m12) - 2.0 * q1 * (m11 + m22))
-        target[2, n] += 2.0 * (q1 * (m01 + m10) + q3 * (m12 + m21) + q0 * (m02 - m20) - 2.0 * q2 * (m00 + m22))
-        target[3, n] += 2.0 * (q1 * (m02 + m20) + q2 * (m12 + m21) + q0 * (m10 - m01) - 2.0 * q3 * (m00 + m11))
+        by_q = quaternion_adjoint(q, matrix[:, n])
+        target[0, n] += by_q[0]
+        target[1, n] += by_q[1]
+        target[2, n] += by_q[2]
+        target[3, n] += by_q[3]
