@@ -75,8 +75,6 @@ def syncDirectory(path: str | os.PathLike) -> None:
 def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
     """Write named fields: plain values, arrays, dataclasses of these, and OpenTURNS objects.
 
-    An event whose function is in Python is left out: it would be stored as code that runs on loading.
-
     Parameters
     ----------
     path : str or path
@@ -108,8 +106,6 @@ def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
     arrays: dict[str, np.ndarray] = {}
     document: dict[str, Any] = {"format": kind}
     for name, value in fields.items():
-        if name == "event" and isPython(value):
-            value = None
         if dataclasses.is_dataclass(value):
             content = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
             arrays |= {f"{name}.{key}": part for key, part in content.items() if isinstance(part, np.ndarray)}

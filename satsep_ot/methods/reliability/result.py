@@ -21,7 +21,7 @@ from satsep_ot.methods.reliability.sensitivity import (
 )
 from satsep_ot.methods.reliability.surrogate_view import SurrogateView
 from satsep_ot.methods.reliability.true_runs import TrueRuns
-from satsep_ot.openturns_adapter import fromXML
+from satsep_ot.openturns_adapter import fromXML, isPython
 
 _FORMAT, _FORMAT_OF_0_1_0 = "ActiveSubspaceReliabilityResult 4", "ActiveSubspaceReliabilityResult 3"
 
@@ -343,7 +343,9 @@ class ActiveSubspaceReliabilityResult:
         """
         fields = {field.name: getattr(self._outcome, field.name) for field in dataclasses.fields(self._outcome)}
         fields = {name: value.get() if isinstance(value, Deferred) else value for name, value in fields.items()}
-        writeResult(path, _FORMAT, fields | {"ending": self._outcome.ending.name})
+        # An event whose function is in Python would be stored as code that runs on loading.
+        event = None if isPython(self._outcome.event) else self._outcome.event
+        writeResult(path, _FORMAT, fields | {"ending": self._outcome.ending.name, "event": event})
 
     @staticmethod
     def load(path: str | os.PathLike, event: Any | None = None) -> "ActiveSubspaceReliabilityResult":
