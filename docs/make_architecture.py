@@ -31,7 +31,7 @@ BOXES = {
     "methods.comparison": (450, 250, ("studies", "studies.telling"), "methods side by side, on known problems"),
     "methods.reliability": (450, 250, ("methods.comparison",), "a failure probability with its interval"),
     "methods.subspaces": (450, 250, ("methods.reliability",), "active directions of any function"),
-    "methods.polynomials": (450, 250, ("methods.subspaces",), "regression, and the law of a polynomial"),
+    "methods.polynomials": (450, 250, ("methods.subspaces",), "regression; a polynomial's distribution"),
     "methods.parallel": (720, 240, ("methods.comparison",), "any number of runs on any workers"),
     "methods.common": (450, 510, ("methods.polynomials",), "intervals, the standard space, files of results"),
     "openturns_adapter": (320, 660, ("methods.common", "dynamics.kernels"), "every workaround for OpenTURNS"),

@@ -90,6 +90,7 @@ MOVED: dict[str, tuple[str, ...]] = {
 # What has another name in its new module.
 RENAMED = {
     "methods.parallel_function._Shared": "Shared",
+    "methods.reliability_result.IntervalLaw": "ConfidenceInterval",
     "methods.polynomial_regression._Reduction": "PolynomialFamilies",
 }
 _PACKAGE = "satsep_ot."

@@ -30,5 +30,5 @@ def test_the_picture_shows_the_folders_and_imports_of_today():
     made, package = runpy.run_path(str(ROOT / "docs" / "make_architecture.py")), ROOT / "satsep_ot"
     assert made["PICTURE"].read_text(encoding="utf-8") == made["picture"](), "run docs/make_architecture.py"
     folders = {path.parent.name for path in package.glob("*/*.py")} - {"methods"}
-    rooms = {f"methods.{path.parent.name}" for path in package.glob("methods/*/*.py")}
-    assert folders | rooms <= set(made["BOXES"])
+    inner = {f"methods.{path.parent.name}" for path in package.glob("methods/*/*.py")}
+    assert folders | inner <= set(made["BOXES"])

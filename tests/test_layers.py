@@ -1,4 +1,4 @@
-"""Each layer and each room of methods imports only downwards, and no module imports itself by way of others."""
+"""Each layer and each folder of methods imports only downwards, and no module imports itself by way of others."""
 
 import ast
 from pathlib import Path
@@ -66,8 +66,8 @@ ALLOWED = {
     },
     "commands": {"rich", "satsep_ot"},
 }
-# The rooms of methods, and those that each one may import beside itself.
-ROOMS = {
+# The folders of methods, and those that each one may import beside itself.
+FOLDERS = {
     "common": set(),
     "polynomials": {"common"},
     "subspaces": {"common", "polynomials"},
@@ -109,12 +109,12 @@ def test_layer_imports_only_downwards(layer):
 
 def test_rooms_of_methods_import_only_what_they_may():
     methods = PACKAGE / "methods"
-    assert {path.name for path in methods.iterdir() if path.is_dir() and path.name != "__pycache__"} == set(ROOMS)
-    for room, permitted in ROOMS.items():
-        for path in sorted((methods / room).rglob("*.py")):
+    assert {path.name for path in methods.iterdir() if path.is_dir() and path.name != "__pycache__"} == set(FOLDERS)
+    for folder, permitted in FOLDERS.items():
+        for path in sorted((methods / folder).rglob("*.py")):
             for module in imported_modules(path):
-                other = module.split(".")[2] if module.startswith("satsep_ot.methods.") else room
-                assert other in permitted | {room}, f"{path.relative_to(PACKAGE)} imports {module}"
+                other = module.split(".")[2] if module.startswith("satsep_ot.methods.") else folder
+                assert other in permitted | {folder}, f"{path.relative_to(PACKAGE)} imports {module}"
 
 
 def module_imports():

@@ -10,7 +10,7 @@ import openturns as ot
 import pytest
 from scipy.stats import norm
 
-from satsep_ot.methods.common.intervals import IntervalLaw, clopperPearson
+from satsep_ot.methods.common.intervals import ConfidenceInterval, clopperPearson
 from satsep_ot.methods.comparison.problems import getBenchmarkProblem
 from satsep_ot.methods.reliability import proposal as proposals
 from satsep_ot.methods.reliability import run as runs_of
@@ -1420,10 +1420,10 @@ def test_a_surrogate_of_the_radius_has_no_native_function_and_one_of_one_directi
 
 
 def test_an_estimate_that_is_not_positive_has_an_interval_from_0():
-    lower, upper = IntervalLaw(-1e-5, 1e-10, 1e9).bounds(0.95)
+    lower, upper = ConfidenceInterval(-1e-5, 1e-10, 1e9).bounds(0.95)
     assert lower == 0.0
     assert upper == pytest.approx(1.96e-5, rel=1e-3)
-    assert IntervalLaw(0.0, 1.0, 1e9).bounds(0.95) == (0.0, 1.0)
+    assert ConfidenceInterval(0.0, 1.0, 1e9).bounds(0.95) == (0.0, 1.0)
 
 
 def test_a_probability_is_never_above_1():

@@ -51,20 +51,20 @@ def logNormalInterval(
 
 
 @dataclasses.dataclass(frozen=True)
-class IntervalLaw:
-    """Where the interval of a probability comes from.
+class ConfidenceInterval:
+    """The confidence interval of a probability, at any level.
 
     Attributes
     ----------
     probability, variance, freedom : float
         Of a log-normal estimate with Student quantiles; from 0 where the estimate is not positive.
     failures, runs : int
-        Of a binomial one, which is used where ``runs`` is not 0.
+        Of a binomial estimate, which is used where ``runs`` is not 0.
 
     Examples
     --------
-    >>> from satsep_ot.methods.common.intervals import IntervalLaw
-    >>> [f"{bound:.3e}" for bound in IntervalLaw(1e-3, 1e-10, 50.0).bounds(0.95)]
+    >>> from satsep_ot.methods.common.intervals import ConfidenceInterval
+    >>> [f"{bound:.3e}" for bound in ConfidenceInterval(1e-3, 1e-10, 50.0).bounds(0.95)]
     ['9.801e-04', '1.020e-03']
     """
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from satsep_ot.methods.common.intervals import IntervalLaw
+from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.proposal import Proposal
 from satsep_ot.methods.reliability.sensitivity import FailureSample
@@ -120,13 +120,13 @@ class Estimate:
         deviation = math.sqrt(self.variance + proposal.poolVariance) + 0.02 * abs(self.probability)
         return abs(proposal.probability - self.probability) <= _AGREEMENT * deviation
 
-    def law(self) -> IntervalLaw:
-        """Law of the interval."""
-        return IntervalLaw(self.probability, self.variance, self.freedom)
+    def confidenceInterval(self) -> ConfidenceInterval:
+        """What the interval follows from."""
+        return ConfidenceInterval(self.probability, self.variance, self.freedom)
 
     def interval(self, level: float) -> tuple[float, float]:
         """Log-normal interval with Student quantiles; from 0 where the estimate is not positive."""
-        return self.law().bounds(level)
+        return self.confidenceInterval().bounds(level)
 
     def makeFailureSample(self, limitState: LimitStateEvent, generator: np.random.Generator) -> FailureSample:
         """The estimate as weighted points: the surrogate's failures, and the true runs' corrections of them."""
@@ -195,16 +195,16 @@ class CrudeEstimate:
         """Of the share."""
         return self.probability * (1.0 - self.probability) / self.size
 
-    def law(self) -> IntervalLaw:
-        """Law of the interval."""
-        return IntervalLaw(failures=self.failures, runs=self.size)
+    def confidenceInterval(self) -> ConfidenceInterval:
+        """What the interval follows from."""
+        return ConfidenceInterval(failures=self.failures, runs=self.size)
 
     def reaches(self, target: float) -> bool:
         """Whether both bounds at 95 % are within twice the target, as they are of an estimate that reaches it.
 
         Its own coefficient of variation would be 0 where all runs have failed.
         """
-        lower, upper = self.law().bounds(0.95)
+        lower, upper = self.confidenceInterval().bounds(0.95)
         width = max(upper - self.probability, self.probability - lower)
         return self.failures >= _MINIMUM_FAILURES and width <= 2.0 * target * self.probability
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import openturns as ot
 
-from satsep_ot.methods.common.intervals import IntervalLaw
+from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.reliability.limit_state import Runs
 
 
@@ -74,7 +74,7 @@ class ReliabilityOutcome:
     distribution : :py:class:`openturns.Distribution`
     probability, variance : float
         The estimate and its variance.
-    interval : IntervalLaw
+    interval : ConfidenceInterval
     surrogateProbability : float or None
         The surrogate's own probability, not corrected.
     phases : dict of str to int
@@ -105,7 +105,7 @@ class ReliabilityOutcome:
     distribution: ot.Distribution
     probability: float
     variance: float
-    interval: IntervalLaw
+    interval: ConfidenceInterval
     surrogateProbability: float | None
     phases: dict[str, int]
     diagnostics: dict[str, float]

@@ -8,7 +8,7 @@ from typing import Any
 
 import openturns as ot
 
-from satsep_ot.methods.common.intervals import IntervalLaw
+from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.common.storage import readResult, storedFormat, writeResult
 from satsep_ot.methods.reliability import graphs, sensitivity
 from satsep_ot.methods.reliability.limit_state import Runs
@@ -364,7 +364,7 @@ class ActiveSubspaceReliabilityResult:
         """
         classes: dict[str, Callable[..., Any]] = {
             "runs": Runs,
-            "interval": IntervalLaw,
+            "interval": ConfidenceInterval,
             "view": SurrogateView,
             "failureSample": FailureSample,
         }

@@ -7,7 +7,7 @@ import numpy as np
 import openturns as ot
 from scipy.special import ndtr
 
-from satsep_ot.methods.common.intervals import IntervalLaw
+from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.reliability.estimate import MINIMUM_BLOCKS, Block, CrudeEstimate, Estimate
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.outcome import Deferred, Ending, ReliabilityOutcome
@@ -197,7 +197,7 @@ class ReliabilityRun:
             converged=variation <= self.settings.targetCoefficientOfVariation,
             probability=subset.probability,
             variance=squared,
-            interval=IntervalLaw(subset.probability, squared),
+            interval=ConfidenceInterval(subset.probability, squared),
             diagnostics={"true failures": float(subset.runs.failed.sum())},
         )
 
@@ -309,7 +309,7 @@ class ReliabilityRun:
         if not self.blocks:
             return self._concludeCrude(ending)
         estimate = Estimate(self.blocks)
-        law, remarks, unseen = estimate.law(), [], None
+        interval, remarks, unseen = estimate.confidenceInterval(), [], None
         nominal = sum(map(len, self.recorder.nominal)) + NOMINAL_SHARE * estimate.size
         bound = 3.0 / max(nominal, 1)
         diagnostics = estimate.diagnose() | {"calibration": self.observedCalibration, "unseen bound": bound}
@@ -317,9 +317,9 @@ class ReliabilityRun:
             diagnostics["subset simulation"] = self.subset.probability
         if self.recorder.failures() == 0:
             # The surrogate alone says where failures would be, and true runs have found none there.
-            law = IntervalLaw(failures=0, runs=int(nominal))
+            interval = ConfidenceInterval(failures=0, runs=int(nominal))
             self.history = []
-            remarks = [f"no run failed, and only about {law.runs} crude Monte Carlo runs bound the probability"]
+            remarks = [f"no run failed, and only about {interval.runs} crude Monte Carlo runs bound the probability"]
         elif self.settings.mode == "fast" and estimate.probability <= bound:
             unseen = bound
         blocks, limitState, seed = list(self.blocks), self.limitState, int(self.generator.integers(2**31))
@@ -330,7 +330,7 @@ class ReliabilityRun:
             converged=ending is Ending.TARGET_REACHED,
             probability=min(max(estimate.probability, 0.0), 1.0),
             variance=estimate.variance,
-            interval=law,
+            interval=interval,
             surrogateProbability=estimate.surrogateProbability,
             diagnostics=diagnostics,
             unseenBound=unseen,
@@ -357,7 +357,7 @@ class ReliabilityRun:
             converged=estimate.reaches(self.settings.targetCoefficientOfVariation),
             probability=estimate.probability,
             variance=estimate.variance,
-            interval=estimate.law(),
+            interval=estimate.confidenceInterval(),
             diagnostics={"true failures": float(estimate.failures), "unseen bound": 3.0 / estimate.size},
             levelReached=levelReached,
             failureSample=Deferred(lambda: FailureSample.ofMonteCarlo(runs.x, runs.failed)),

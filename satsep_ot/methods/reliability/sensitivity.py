@@ -15,7 +15,7 @@ import openturns as ot
 from scipy import stats
 from scipy.special import ndtri
 
-from satsep_ot.methods.common.intervals import IntervalLaw, logNormalInterval
+from satsep_ot.methods.common.intervals import ConfidenceInterval, logNormalInterval
 from satsep_ot.openturns_adapter import parameterNames
 
 # Change of the logarithm of a density between the two points of a difference: its square and the rounding are small.
@@ -172,9 +172,10 @@ class InputImportance:
     ----------
     input : str
     share : float
-        Of the sum over the inputs of the relative entropy between the input's law in failure and its law, both taken
-        for normal, with a squared spread of at least its standard error. For a linear limit state of independent inputs
-        about the squared importance factors of FORM; unlike them not blind to failures on both sides.
+        Share in the sum, over the inputs, of the relative entropy between the input's distribution in failure and its
+        distribution, both taken as normal, with a squared spread of at least its standard error. For a linear limit
+        state of independent inputs these are about the squared importance factors of FORM; unlike these they see
+        failures on both sides.
     shift, shiftLower, shiftUpper : float
         Mean in failure: 0 for an input that does not matter.
     spread, spreadLower, spreadUpper : float
@@ -221,7 +222,7 @@ def computeParameterSensitivity(
     The derivative is ``E[1_F s(X)]`` with the score ``s``, the derivative of the logarithm of the joint density, by
     central differences. Where a parameter moves a bound at which the density jumps there is no score; the bounds of an
     independent uniform input are treated by the probability of failure at the bound, from the Legendre expansion of
-    degree 3 of the input's law in failure.
+    degree 3 of the input's distribution in failure.
     """
     probability = float(sample.weights.sum())
     names = distribution.getDescription()
@@ -311,7 +312,7 @@ def _jump(marginal, low, high):
 
 def _uniformScore(marginal, place, column):
     a, b = marginal.getParameter()
-    # The law of v in failure at its end: the sum of phi_k(end) E[phi_k(v) | F], phi_k orthonormal on [0, 1].
+    # The distribution of v in failure at its end: the sum of phi_k(end) E[phi_k(v) | F], phi_k orthonormal on [0, 1].
     v = 2.0 * (column[:, 0] - a) / (b - a) - 1.0
     end = (-1.0, 1.0)[place]
     coefficients = [(2 * k + 1) * end**k if k else 0.0 for k in range(_LEGENDRE_DEGREE + 1)]
@@ -400,7 +401,7 @@ def computeProbability(
     elif value <= 0.0 or math.sqrt(variance) > 0.5 * value:
         warning = "the new weights leave an error of more than half of the probability: run the algorithm with it"
     if value <= 0.0:
-        bounds = IntervalLaw(value, variance, freedom).bounds(level)
+        bounds = ConfidenceInterval(value, variance, freedom).bounds(level)
         return ReweightedProbability(0.0, *bounds, math.inf, effective, warning)
     variation = math.sqrt(variance) / value
     lower, upper = logNormalInterval(value, variation**2, level, freedom)
