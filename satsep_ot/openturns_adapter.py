@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import openturns as ot
+import openturns.experimental as otexp
 
 try:
     import dill
@@ -291,6 +292,31 @@ def multiFORMProbability(result: ot.MultiFORMResult) -> float:
     points = result.getFORMResultCollection()
     # getEventProbability() of a single one is -1. Remove when it is FORM's.
     return points[0].getEventProbability() if len(points) == 1 else result.getEventProbability()
+
+
+def latinHypercube() -> ot.LHSExperiment:
+    """A Latin hypercube design for an algorithm that draws several blocks of it."""
+    experiment = ot.LHSExperiment()
+    # By default all blocks have one permutation, which biases their mean. Remove when each block is shuffled.
+    experiment.setAlwaysShuffle(True)
+    return experiment
+
+
+def lineSampling(event: ot.ThresholdEvent, direction: Any) -> otexp.LineSampling:
+    """Line sampling along a fixed direction of the standard space, which finds limit states up to a distance of 9."""
+    # With the step of 1 by default a limit state at a whole distance is lost on half of the lines. Remove the step when
+    # a root at the end of a step is found.
+    algorithm = otexp.LineSampling(event, direction, ot.SafeAndSlow(ot.Brent(), 9.0, 0.9871))
+    # The adaptive direction, the default, jumps to any nearer failure, and the estimate with it. Remove when all lines
+    # of an estimate have one direction.
+    algorithm.setAdaptiveImportantDirection(False)
+    return algorithm
+
+
+def lastLevel(algorithm: ot.SubsetSampling) -> float:
+    """The level at which subset sampling ended; its estimate is of the event only if this is the threshold."""
+    # The result has no word of levels that stop short of the event. Remove when its probability is then refused.
+    return algorithm.getThresholdPerStep()[-1]
 
 
 # Storing and sending. -------------------------------------------------------------------------------------------------

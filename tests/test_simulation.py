@@ -270,7 +270,9 @@ def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
         ValueError, match=r"springs\.tables has 3 entries; it must have one \(or None\) for each of 4 springs"
     ):
         Springs(SQUARE, 0.3, 0.0, 0.0, 0.03, tables=[table] * 3)
-    with pytest.raises(ValueError, match=r"springs\.laws = .*they must be one for each spring, and one with a table where"):
+    with pytest.raises(
+        ValueError, match=r"springs\.laws = .*they must be one for each spring, and one with a table where"
+    ):
         Springs(SQUARE, 0.3, 5500.0, 0.04, 0.03, laws=[ForceLaw.TABLE] * 4)
     # A spring with a table has no stiffness of its own.
     with pytest.raises(ValueError, match=r"springs\[1\]\.stiffness = 5500.0; it must be 0, since another law"):

@@ -11,7 +11,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 import openturns as ot
-import openturns.experimental as otexp
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.intervals import clopperPearson, logNormalInterval
@@ -20,11 +19,7 @@ from satsep_ot.methods.comparison.approximations import FORM
 from satsep_ot.methods.comparison.method import CountedProblem, ReliabilityMethod, Row
 from satsep_ot.methods.reliability.limit_state import Limit
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
-from satsep_ot.openturns_adapter import callFunction
-
-# Search for a limit state along lines through standard space: the largest distance, and the step.
-_LARGEST_DISTANCE = 9.0
-_ROOT_STEP = 0.9871
+from satsep_ot.openturns_adapter import callFunction, lastLevel, latinHypercube, lineSampling
 
 
 class MonteCarlo(ReliabilityMethod):
@@ -119,8 +114,7 @@ class SubsetSampling(SimulationMethod):
         return algorithm
 
     def incomplete(self, problem: CountedProblem, algorithm: Any) -> str:
-        # OpenTURNS reports the product of its levels also where they stop short of the event.
-        reached = algorithm.getThresholdPerStep()[-1]
+        reached = lastLevel(algorithm)
         if reached == problem.event.getThreshold():
             return ""
         return f"the levels ended at {reached:g}, short of the threshold {problem.event.getThreshold():g}"
@@ -192,16 +186,12 @@ class ExperimentSampling(SimulationMethod):
 
 
 class LatinHypercube(ExperimentSampling):
-    """Latin hypercube sampling, shuffled anew for every block: OpenTURNS' default repeats one permutation, which is
-    biased.
-    """
+    """Latin hypercube sampling, shuffled anew for every block."""
 
     name = "LatinHypercube"
 
     def experiment(self, problem: CountedProblem) -> ot.WeightedExperiment:
-        experiment = ot.LHSExperiment()
-        experiment.setAlwaysShuffle(True)
-        return experiment
+        return latinHypercube()
 
 
 class QuasiMonteCarlo(ExperimentSampling):
@@ -315,11 +305,7 @@ class LineSampling(SimulationMethod):
         return result.getStandardSpaceDesignPoint()
 
     def build(self, problem: CountedProblem) -> Any:
-        # With OpenTURNS' own step of 1 a limit state at a whole distance is lost on half of the lines.
-        roots = ot.SafeAndSlow(ot.Brent(), _LARGEST_DISTANCE, _ROOT_STEP)
-        algorithm = otexp.LineSampling(problem.event, self.direction(problem), roots)
-        # The adaptive direction jumps to whichever failure comes nearest, and the estimate with it.
-        algorithm.setAdaptiveImportantDirection(False)
+        algorithm = lineSampling(problem.event, self.direction(problem))
         return _limited(algorithm, self.targetCoefficientOfVariation, self.maximumLines, block=10)
 
 
