@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command within a second, whatever it does: the process that hears it only watches another at work."""
+"""Ctrl-C ends a command within a second: one process does the work, and another one receives the signals."""
 
 import contextlib
 import ctypes
@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 
 INTERRUPTED = 128 + signal.SIGINT  # the exit code, as shells have it
-PATIENCE = 0.3  # s that the killed processes may take to end, and then the last words to be said
+ENDING_TIME = 0.3  # s for the killed processes to end, and then for the message to be written
 
 # linux/prctl.h
 _SET_PARENT_DEATH_SIGNAL = 1
@@ -22,16 +22,16 @@ _CLEAR = "\r\x1b[2K\x1b[?25h"
 def supervise(kept: Callable[[], str]) -> None:
     """Do all that follows in a child of this process; to be called once, before there are threads.
 
-    Only the child returns. This process, whose number shells and job managers know, waits for the child's end and ends
-    likewise. On SIGINT and SIGTERM, unless they were ignored from the start on, it kills the child, ends what the child
+    Only the child returns. This process, which shells and job managers know, waits for the child's end and ends with
+    the same code or signal. On SIGINT and SIGTERM, unless they were ignored from the start on, it kills the child, ends what the child
     has started (by SIGTERM), and says what is kept. It says so, too, if the child dies of a signal. If it is killed
     itself, the kernel kills the child. Ctrl-Z stops both.
 
-    No handler in the child could be relied on: libraries hold the interpreter's lock for seconds, and OpenTURNS (1.27)
+    A handler in the child is not reliable: libraries hold the interpreter's lock for seconds, and OpenTURNS (1.27)
     answers SIGINT itself while an algorithm runs, by a jump over Python's frames or a failure that would pass for the
     algorithm's result. So the child and what it starts are a process group of their own, which Ctrl-C does not reach.
 
-    Only Linux has what this takes; elsewhere it does nothing, and Ctrl-C is Python's KeyboardInterrupt.
+    This needs Linux; elsewhere it does nothing, and Ctrl-C is Python's KeyboardInterrupt.
 
     Parameters
     ----------
@@ -40,11 +40,11 @@ def supervise(kept: Callable[[], str]) -> None:
     """
     if sys.platform != "linux":
         return
-    heard = {signal.SIGINT, signal.SIGTERM, signal.SIGTSTP}
-    watched = {number for number in heard if signal.getsignal(number) != signal.SIG_IGN} | {signal.SIGCHLD}
+    handled = {signal.SIGINT, signal.SIGTERM, signal.SIGTSTP}
+    watched = {number for number in handled if signal.getsignal(number) != signal.SIG_IGN} | {signal.SIGCHLD}
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     before = signal.pthread_sigmask(signal.SIG_BLOCK, watched)
-    # What a killed child leaves becomes ours, to be waited for.
+    # Processes that a killed child leaves become children of this one, which can wait for them.
     ctypes.CDLL(None).prctl(_SET_CHILD_SUBREAPER, 1)
     parent = os.getpid()
     child = os.fork()
@@ -88,7 +88,7 @@ def _watch(child, watched, kept):
         # A terminal that is held, or a full pipe, would hold us as well.
         speaker = threading.Thread(target=_say, args=(number, kept), daemon=True)
         speaker.start()
-        speaker.join(PATIENCE)
+        speaker.join(ENDING_TIME)
         os._exit(128 + number)
 
 
@@ -97,7 +97,7 @@ def _end_rest(group):
     with contextlib.suppress(ProcessLookupError):
         # Not SIGKILL: the process that removes the semaphores of a pool ignores this, and ends when it has done so.
         os.killpg(group, signal.SIGTERM)
-    limit = time.monotonic() + PATIENCE
+    limit = time.monotonic() + ENDING_TIME
     with contextlib.suppress(ChildProcessError):
         while time.monotonic() < limit:
             if not os.waitpid(-1, os.WNOHANG)[0]:
