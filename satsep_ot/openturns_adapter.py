@@ -167,6 +167,20 @@ def parameterNames(distribution: ot.Distribution, index: int = 0) -> list[str]:
     return [name.removesuffix(f"_{index}").removesuffix("_0") for name in distribution.getParameterDescription()]
 
 
+@contextlib.contextmanager
+def withoutWarnings() -> Iterator[None]:
+    """OpenTURNS prints no warning inside; a `NormalGamma` warns of its own default parameters.
+
+    Remove when it does not, or when OpenTURNS warns as Python does.
+    """
+    flags = ot.Log.Flags()
+    ot.Log.Show(flags & ~ot.Log.WARN)
+    try:
+        yield
+    finally:
+        ot.Log.Show(flags)
+
+
 def endsInterpreter(copula: ot.Distribution) -> bool:
     """Whether a joint distribution with this copula ends the interpreter.
 

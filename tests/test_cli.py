@@ -47,10 +47,12 @@ def test_new_writes_a_case_that_loads_and_never_overwrites(tmp_path, capsys):
     assert path.read_text(encoding="utf-8") == "precious"
 
 
-def test_new_writes_the_schema_beside_the_case_and_names_it_there(tmp_path, capsys):
+def test_new_writes_the_schema_beside_the_case_and_names_it_there(tmp_path, capfd):
     path, schema = tmp_path / "mine.toml", tmp_path / "mine.schema.json"
     assert cli.main(["new", str(path)]) == 0
-    assert "mine.schema.json" in capsys.readouterr().out
+    printed = capfd.readouterr()
+    assert "mine.schema.json" in printed.out
+    assert printed.err == ""
     assert path.read_text(encoding="utf-8").startswith("#:schema ./mine.schema.json\n")
     assert json.loads(schema.read_text(encoding="utf-8")) == case_schema()
     # The schema of a case that was deleted is taken as it is; a file of another kind is left alone.
@@ -58,7 +60,7 @@ def test_new_writes_the_schema_beside_the_case_and_names_it_there(tmp_path, caps
     assert cli.main(["new", str(path)]) == 0
     path.unlink()
     schema.write_bytes(b"\xff precious")
-    assert "mine.schema.json exists already and is not overwritten" in refused(["new", str(path)], capsys)
+    assert "mine.schema.json exists already and is not overwritten" in refused(["new", str(path)], capfd)
     assert schema.read_bytes() == b"\xff precious"
     assert not path.exists()
 

@@ -7,7 +7,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.model.spelling import did_you_mean
-from satsep_ot.openturns_adapter import REFUSALS, errorMessage, parameterNames
+from satsep_ot.openturns_adapter import REFUSALS, errorMessage, parameterNames, withoutWarnings
 
 
 def build_distribution(name: str, parameters: dict[str, float]) -> ot.Distribution:
@@ -68,7 +68,8 @@ def _with_default_parameters(name):
     if name not in known:
         raise ValueError(f"{name[:60]!r} is no OpenTURNS distribution{did_you_mean(name, known)}")
     try:
-        distribution = known[name]()
+        with withoutWarnings():
+            distribution = known[name]()
         dimension = distribution.getDimension()
         expected = parameterNames(distribution)
     except REFUSALS as error:
