@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from satsep_ot.model.case import CaseError, load_case, parse_case
-from satsep_ot.model.force_table import checked_force_table, parse_force_table, read_force_table
+from satsep_ot.model.force_table import checked_force_table, force_table_text, parse_force_table
 
 GOOD = "stroke_mm,force_N\n0,220\n10,150.5\n\n30, 55\n"
 CASE = (
@@ -22,9 +22,13 @@ def written(tmp_path, text):
     return path
 
 
+def read(path):
+    return parse_force_table(force_table_text(path), str(path))
+
+
 @pytest.mark.parametrize("text", [GOOD, "\ufeff" + GOOD, GOOD.replace("\n", "\r\n"), GOOD.strip()])
 def test_a_file(text, tmp_path):
-    np.testing.assert_allclose(read_force_table(written(tmp_path, text)), TABLE, rtol=1e-15)
+    np.testing.assert_allclose(read(written(tmp_path, text)), TABLE, rtol=1e-15)
 
 
 FILES = {
@@ -50,12 +54,12 @@ FILES = {
 def test_files_that_are_no_table(name, tmp_path):
     text, words = FILES[name]
     path = written(tmp_path, text)
-    for read, error in (
-        (lambda: read_force_table(path), ValueError),
+    for refused, error in (
+        (lambda: read(path), ValueError),
         (lambda: parse_case(CASE + 'table = "push.csv"', str(tmp_path / "mine.toml")), CaseError),
     ):
         with pytest.raises(error) as caught:
-            read()
+            refused()
         for word in (str(path), *words):
             assert word in str(caught.value)
         assert "\n" not in str(caught.value)
@@ -63,7 +67,7 @@ def test_files_that_are_no_table(name, tmp_path):
 
 def test_a_file_without_end_or_with_a_cell_without_end_is_refused(tmp_path):
     with pytest.raises(ValueError, match="characters, which no force-stroke table needs"):
-        read_force_table(written(tmp_path, "h,f\n" + "0" * 2_000_000))
+        force_table_text(written(tmp_path, "h,f\n" + "0" * 2_000_000))
     with pytest.raises(ValueError, match=r"mine: the file cannot be read \(field larger than field limit"):
         parse_force_table("h,f\n0," + "1" * 200_000, "mine")
 

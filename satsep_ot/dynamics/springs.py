@@ -105,6 +105,10 @@ class Springs:
         ca, sa, cb, sb = np.cos(self.angle), np.sin(self.angle), np.cos(self.cant), np.sin(self.cant)
         return np.stack([-sb * sa, cb, sb * ca], axis=1)
 
+    def release_strokes(self) -> np.ndarray:
+        """The stroke at which each spring is released, min(L, xi) where it has a stiffness, else L, shape (N,) [m]."""
+        return np.where(self.law_property("has_stiffness"), np.minimum(self.stroke, self.deformation), self.stroke)
+
     def law_property(self, name: str) -> np.ndarray:
         """For which springs a property of their law is true, bool (N,); see `satsep_ot.dynamics.springs.Law`."""
         return np.array([getattr(ForceLaw(law), name) for law in self.laws])

@@ -16,36 +16,6 @@ _LONGEST_FILE = 1_000_000  # characters
 _HEADER = "a header such as 'stroke_mm,force_N'"
 
 
-def read_force_table(path: str | os.PathLike) -> np.ndarray:
-    """Read a force-stroke table from a CSV file of two columns: a header, then rows of stroke [mm] and force [N].
-
-    Parameters
-    ----------
-    path : str or path
-
-    Returns
-    -------
-    table : ndarray, shape (K, 2)
-        As `checked_force_table` returns it.
-
-    Raises
-    ------
-    ValueError
-        In one sentence that names the file, and where it is a row that is wrong, the row and its value. The header is
-        row 1, as in a spreadsheet.
-
-    Examples
-    --------
-    >>> from satsep_ot.model.force_table import read_force_table
-    >>> try:
-    ...     read_force_table("nothing.csv")
-    ... except ValueError as error:
-    ...     print(error)
-    nothing.csv: there is no such file
-    """
-    return parse_force_table(force_table_text(path), str(path))
-
-
 def force_table_text(path: str | os.PathLike) -> str:
     """The text of a CSV file.
 
@@ -90,7 +60,7 @@ def force_table_text(path: str | os.PathLike) -> str:
 
 
 def parse_force_table(text: str, where: str) -> np.ndarray:
-    """A force-stroke table from the text of a CSV file.
+    """A force-stroke table from the text of a CSV file: a header, then rows of stroke [mm] and force [N].
 
     Parameters
     ----------
@@ -106,7 +76,8 @@ def parse_force_table(text: str, where: str) -> np.ndarray:
     Raises
     ------
     ValueError
-        As by `read_force_table`.
+        In one sentence that names the file, and where it is a row that is wrong, the row and its value. The header is
+        row 1, as in a spreadsheet.
 
     Examples
     --------

@@ -27,9 +27,7 @@ def push_energy(separation: Separation) -> float:
     16.5
     """
     springs = separation.springs
-    linear = springs.law_property("has_stiffness")
-    way = np.where(linear, np.minimum(springs.stroke, springs.deformation), springs.stroke)
-    return float(spring_work(separation, np.zeros(len(springs)), way).sum())
+    return float(spring_work(separation, np.zeros(len(springs)), springs.release_strokes()).sum())
 
 
 def push_velocity(separation: Separation) -> float:
