@@ -1,14 +1,14 @@
 """Force lines: where and along which direction a spring pushes. A new one is two functions and a row of `ForceLine`.
 
 A line takes, in platform axes, the vector `delta` from the platform's seat of a spring to the satellite's, the
-direction n_1 of its guide, the satellite's y axis n_2, the stowed length l_0 and the friction coefficient mu of the
+direction n_1 of its guide, the satellite's y axis n_2, the stowed length l_0 and the friction coefficient mu_g of the
 guides. It gives the stroke s, its gradient g with respect to the motion of the contact point, that point from the
 platform's seat, and the share of the spring's force f that reaches the bodies. The force on the satellite is
 F = share f g; its opposite acts on the platform at the same point, so momentum is exact, and without friction the power
 is f ds/dt, so that a spring's work is the integral of f over its stroke.
 
 Its adjoint takes the same, with f and df/ds, and the adjoints of F, of the point and of s. It gives those of f, delta,
-n_1, n_2, l_0 and mu.
+n_1, n_2, l_0 and mu_g.
 
 Hu et al. (2017), equations 4 to 8.
 """
@@ -34,19 +34,19 @@ from satsep_ot.dynamics.kernels.vectors import (
 )
 
 
-def guided(delta, n_1, n_2, l_0, mu):
+def guided(delta, n_1, n_2, l_0, mu_g):
     """Along the guide, fixed in the platform, at the satellite's seat: s = delta . n_1, g = n_1."""
     return dot(delta, n_1), n_1, delta, 1.0
 
 
-def guided_adjoint(delta, n_1, n_2, l_0, mu, f, slope, by_force, by_point, by_stroke):
+def guided_adjoint(delta, n_1, n_2, l_0, mu_g, f, slope, by_force, by_point, by_stroke):
     by_f = dot(by_force, n_1)
     by_s = by_stroke + slope * by_f
     by_n_1 = plus(scaled(f, by_force), scaled(by_s, delta))
     return by_f, plus(scaled(by_s, n_1), by_point), by_n_1, ZERO, 0.0, 0.0
 
 
-def strut(delta, n_1, n_2, l_0, mu):
+def strut(delta, n_1, n_2, l_0, mu_g):
     """Along the line between ball ends, which start l_0 > 0 apart: s = |delta| - l_0, g = delta / |delta|.
 
     Hu et al. (2017), equation 8, is its limit l_0 -> 0, which is ill-posed: a zero-length strut buckles.
@@ -55,7 +55,7 @@ def strut(delta, n_1, n_2, l_0, mu):
     return length - l_0, scaled(1.0 / length, delta), delta, 1.0
 
 
-def strut_adjoint(delta, n_1, n_2, l_0, mu, f, slope, by_force, by_point, by_stroke):
+def strut_adjoint(delta, n_1, n_2, l_0, mu_g, f, slope, by_force, by_point, by_stroke):
     length = norm(delta)
     g = scaled(1.0 / length, delta)
     by_f = dot(by_force, g)
@@ -65,28 +65,28 @@ def strut_adjoint(delta, n_1, n_2, l_0, mu, f, slope, by_force, by_point, by_str
     return by_f, plus(plus(scaled(by_s, g), turning), by_point), ZERO, ZERO, -by_s, 0.0
 
 
-def normal(delta, n_1, n_2, l_0, mu):
+def normal(delta, n_1, n_2, l_0, mu_g):
     """A rod in the guide whose foot slides on the satellite's plate, at s n_1: s = delta . n_2 / (n_1 . n_2).
 
     g = n_2 / (n_1 . n_2). The rod's balance along the guide, with the lateral load and the guide's friction, is
-    f = N (n_1 . n_2 + mu |n_1 x n_2|) with the contact force N: friction takes the part of the work that it should.
+    f = N (n_1 . n_2 + mu_g |n_1 x n_2|) with the contact force N: friction takes the part of the work that it should.
     """
     cosine = dot(n_1, n_2)
     inverse = 1.0 / cosine
     s = dot(delta, n_2) * inverse
     sine = math.sqrt(larger(0.0, 1.0 - cosine * cosine))
-    return s, scaled(inverse, n_2), scaled(s, n_1), cosine / (cosine + mu * sine)
+    return s, scaled(inverse, n_2), scaled(s, n_1), cosine / (cosine + mu_g * sine)
 
 
-def normal_adjoint(delta, n_1, n_2, l_0, mu, f, slope, by_force, by_point, by_stroke):
-    # F = N n_2 with N = f / D, D = cosine + mu sine.
+def normal_adjoint(delta, n_1, n_2, l_0, mu_g, f, slope, by_force, by_point, by_stroke):
+    # F = N n_2 with N = f / D, D = cosine + mu_g sine.
     cosine = dot(n_1, n_2)
     inverse = 1.0 / cosine
     s = dot(delta, n_2) * inverse
     sine = math.sqrt(larger(0.0, 1.0 - cosine * cosine))
-    balance = cosine + mu * sine
+    balance = cosine + mu_g * sine
     # The friction is kinked where rod and plate are aligned: 0 is one of its slopes there.
-    bend = 1.0 - mu * cosine / sine if sine > 1e-12 else 1.0
+    bend = 1.0 - mu_g * cosine / sine if sine > 1e-12 else 1.0
     contact_force = f / balance
     by_f = dot(by_force, n_2) / balance
     by_s = (by_stroke + slope * by_f + dot(by_point, n_1)) * inverse
@@ -148,11 +148,11 @@ def _of_all_lanes(adjoint):
     def of_all_lanes(system, spring, delta, n_2, f, slope, chain, constants, by_spring):
         n_1 = vector(spring.guide)
         l_0 = system.stowed_length
-        mu = system.guide_friction
+        mu_g = system.guide_friction
         for n in range(LANES):
             by_point = lane(chain.point, n)
-            by_f, by_delta, by_n_1, by_n_2, by_l_0, by_mu = adjoint(
-                delta, n_1, n_2, l_0, mu, f, slope, lane(chain.spring_force, n), by_point, chain.stroke[n]
+            by_f, by_delta, by_n_1, by_n_2, by_l_0, by_mu_g = adjoint(
+                delta, n_1, n_2, l_0, mu_g, f, slope, lane(chain.spring_force, n), by_point, chain.stroke[n]
             )
             chain.spring_size[n] = by_f
             put_lane(chain.seat, n, by_delta)
@@ -160,7 +160,7 @@ def _of_all_lanes(adjoint):
             add_lane(by_spring.platform_seat, n, minus(by_point, by_delta))
             add_lane(by_spring.guide, n, by_n_1)
             constants.stowed_length[n] += by_l_0
-            constants.guide_friction[n] += by_mu
+            constants.guide_friction[n] += by_mu_g
 
     return of_all_lanes
 
