@@ -23,9 +23,9 @@ def supervise(kept: Callable[[], str]) -> None:
     """Do all that follows in a child of this process; to be called once, before there are threads.
 
     Only the child returns. This process, which shells and job managers know, waits for the child's end and ends with
-    the same code or signal. On SIGINT and SIGTERM, unless they were ignored from the start on, it kills the child, ends what the child
-    has started (by SIGTERM), and says what is kept. It says so, too, if the child dies of a signal. If it is killed
-    itself, the kernel kills the child. Ctrl-Z stops both.
+    the same code or signal. On SIGINT and SIGTERM, unless they were ignored from the start on, it kills the child, ends
+    what the child has started (by SIGTERM), and says what is kept. It says so, too, if the child ends by a signal. If
+    it is killed itself, the kernel kills the child. Ctrl-Z stops both.
 
     A handler in the child is not reliable: libraries hold the interpreter's lock for seconds, and OpenTURNS (1.27)
     answers SIGINT itself while an algorithm runs, by a jump over Python's frames or a failure that would pass for the

@@ -16,16 +16,9 @@ def drawConvergence(history: Sequence[tuple[float, float, float, float]]) -> ot.
     if not history:
         return graph
     runs, probability, lower, upper = (list(column) for column in zip(*history, strict=True))
-    for values, legend, style in (
-        (probability, "estimate", "solid"),
-        (lower, "95 % interval", "dashed"),
-        (upper, "", "dashed"),
-    ):
-        curve = ot.Curve(runs, values)
-        curve.setLegend(legend)
-        curve.setLineStyle(style)
-        curve.setColor("black")
-        graph.add(curve)
+    graph.add(_curve(runs, probability, "estimate", "solid"))
+    graph.add(_curve(runs, lower, "95 % interval", "dashed"))
+    graph.add(_curve(runs, upper, "", "dashed"))
     return graph
 
 
@@ -63,16 +56,17 @@ def drawWeights(sample: FailureSample) -> ot.Graph:
     share = np.concatenate([[0.0], np.cumsum(weights) / weights.sum()])
     runs = np.arange(len(share), dtype=float)
     graph = ot.Graph("Weights of the failed runs", "failed runs, largest weight first", "share", True, "lower right")
-    for values, legend, style in (
-        (share, "of the sum of the weights", "solid"),
-        (runs / runs[-1], "all equal", "dashed"),
-    ):
-        curve = ot.Curve(runs, values)
-        curve.setLegend(legend)
-        curve.setLineStyle(style)
-        curve.setColor("black")
-        graph.add(curve)
+    graph.add(_curve(runs, share, "of the sum of the weights", "solid"))
+    graph.add(_curve(runs, runs / runs[-1], "all equal", "dashed"))
     return graph
+
+
+def _curve(runs, values, legend, style):
+    curve = ot.Curve(runs, values)
+    curve.setLegend(legend)
+    curve.setLineStyle(style)
+    curve.setColor("black")
+    return curve
 
 
 def drawImportance(rows: Sequence[InputImportance], number: int) -> ot.Graph:
