@@ -55,6 +55,12 @@ BARE = re.sub(r" *#.*", "", REFERENCE[: REFERENCE.index("[inputs]")])
 STRUT = BARE.replace('force_line = "guided"', 'force_line = "strut"\nstowed_length = 40.0')
 
 
+def test_the_push_of_a_force_stroke_table_counts():
+    text = re.sub(r"^(stiffness|deformation) = .*\n", "", BARE, flags=re.MULTILINE)
+    text = text.replace("[springs]", "[springs]\ntable = [[0, 220e3], [30, 55e3]]")
+    assert any("accelerate the satellite by 897 g" in sentence for sentence in plausibility_warnings(parse_case(text)))
+
+
 @pytest.mark.parametrize(
     ("text", "old", "new", "sentence"),
     [

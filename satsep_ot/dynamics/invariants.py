@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from satsep_ot.dynamics.kernels.vectors import rotation
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.dynamics.simulation import trajectory
-from satsep_ot.dynamics.springs import force_of
+from satsep_ot.dynamics.springs import force_functions
 
 _NODES = 16  # of a quadrature
 _PIECES = 8  # of the time between two events: the force bends at the knots of a table
@@ -142,12 +142,13 @@ def spring_work(separation: Separation, start: ArrayLike, end: ArrayLike) -> np.
     """
     springs, start, end = separation.springs, np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     nodes, weights = legendre.leggauss(_NODES)
+    force = force_functions(springs)
     work = np.zeros(len(springs))
     for i in np.flatnonzero(springs.scale > 0.0):
         low, high = sorted((start[i], end[i]))
         knots = np.empty(0) if springs.tables[i] is None else springs.tables[i][:, 0]
         for a, b in pairwise([low, *knots[(low < knots) & (knots < high)], high]):
-            forces = force_of(springs, i, 0.5 * (a + b + (b - a) * nodes))
+            forces = force[i](0.5 * (a + b + (b - a) * nodes))
             work[i] += np.sign(end[i] - start[i]) * 0.5 * (b - a) * (weights @ forces)
     return work
 
@@ -212,6 +213,7 @@ def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1
     springs, starts, loss = separation.springs, push_starts(separation), np.zeros(len(separation.springs))
     if not separation.guide_friction:
         return loss
+    force = force_functions(springs)
     nodes, weights = legendre.leggauss(_NODES)
     # From values at the nodes to derivatives there, on [-1, 1].
     differentiate = legendre.legvander(nodes, _NODES - 2) @ legendre.legder(
@@ -223,7 +225,7 @@ def guide_loss(separation: Separation, releases: ArrayLike, tolerance: float = 1
         states = trajectory(separation, 0.5 * (start + end + (end - start) * nodes), tolerance=tolerance).states
         strokes, shares = _strokes_and_shares(separation, states)
         for i in np.flatnonzero((starts <= start) & (end <= releases)):
-            taken = (1.0 - shares[:, i]) * force_of(springs, i, strokes[:, i])
+            taken = (1.0 - shares[:, i]) * force[i](strokes[:, i])
             loss[i] += weights @ (taken * (differentiate @ strokes[:, i]))
     return loss
 

@@ -4,7 +4,7 @@ Force laws are rows of `satsep_ot.dynamics.kernels.force_laws`, force lines of `
 """
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -256,9 +256,17 @@ def spring_records(springs: Springs) -> tuple[np.ndarray, np.ndarray]:
     return result, cubics
 
 
-def force_of(springs: Springs, i: int | np.integer, strokes: ArrayLike) -> np.ndarray:
-    """The force of spring i [N] at some strokes [m], with its scale, as its law says it."""
+def force_functions(springs: Springs) -> list[Callable[[ArrayLike], np.ndarray]]:
+    """For each spring its force [N], with its scale, as a function of the stroke [m]: what its law says."""
     records, cubics = spring_records(springs)
-    law = ForceLaw(springs.laws[i]).function
-    forces = [law(records[i], cubics, stroke)[0] for stroke in np.ravel(strokes)]
-    return springs.scale[i] * np.reshape(forces, np.shape(strokes))
+
+    def force_function(spring):
+        law = ForceLaw(spring.law).function
+
+        def force(strokes):
+            forces = [law(spring, cubics, stroke)[0] for stroke in np.ravel(strokes)]
+            return spring.scale * np.reshape(forces, np.shape(strokes))
+
+        return force
+
+    return [force_function(spring) for spring in records]

@@ -12,6 +12,7 @@ from satsep_ot.dynamics.parameter_vector import TENSOR, Sign
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Status, inertia_tensor, is_inertia
 from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.dynamics.springs import force_functions
 from satsep_ot.model.case import Case, Requirement
 from satsep_ot.model.distributions import interval_digits, quantile_range
 from satsep_ot.model.hand_formulas import push_energy, push_velocity
@@ -164,7 +165,7 @@ def _push_warnings(separation):
             f"springs: their energy of {energy:.3g} J gives {speed:.3g} m/s; separations have {_SLOWEST:g} to "
             f"{_FASTEST:g} m/s (N/m and mm?)"
         )
-    force = float(np.sum(separation.springs.scale * separation.springs.stiffness * separation.springs.deformation))
+    force = sum(max(float(force_of_spring(0.0)), 0.0) for force_of_spring in force_functions(separation.springs))
     acceleration = force / separation.satellite.mass
     if acceleration > _LARGEST_ACCELERATION:
         yield f"springs: they accelerate the satellite by {acceleration / 9.80665:.3g} g at the start (N/m?)"
