@@ -227,8 +227,8 @@ class BenchmarkTask:
     --------
     >>> from satsep_ot.methods.comparison.problems import getBenchmarkProblem
     >>> from satsep_ot.methods.comparison.problem import BenchmarkTask
-    >>> BenchmarkTask.of(getBenchmarkProblem("RP54")).name
-    'RP54'
+    >>> print(f"{BenchmarkTask.of(getBenchmarkProblem('RP54')).probability:.4e}")
+    9.9060e-04
     """
 
     name: str

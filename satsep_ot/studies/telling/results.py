@@ -1,4 +1,4 @@
-"""What a study found, as dataclasses: the study fills them in, everything that tells of a study takes them."""
+"""What a study found, as dataclasses: the study fills them in; verdicts, tables, figures and the report take them."""
 
 import dataclasses
 import enum

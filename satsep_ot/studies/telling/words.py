@@ -1,4 +1,4 @@
-"""The words of a study, each stated once: its methods, what they cannot see, and probabilities.
+"""The words of a study, each stated once: its methods, what they miss, and probabilities.
 
 This module loads no library, so that the command's help can name the methods.
 """

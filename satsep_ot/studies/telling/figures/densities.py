@@ -155,7 +155,7 @@ def draw_density(
     ax.set_xlim(low, high)
     # Numbers with more zeros would run into each other.
     ax.ticklabel_format(axis="x", scilimits=(-4, 6))
-    # Room above the curves for the legend.
+    # Space above the curves for the legend.
     ax.set_ylim(floor, top * (top / floor) ** 0.55)
     ax.legend(fontsize=FONT_SIZE, loc="upper center", ncols=2, columnspacing=1.0, handlelength=1.6, framealpha=1.0)
     return ax

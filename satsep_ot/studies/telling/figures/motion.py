@@ -62,7 +62,7 @@ def draw_rates(motion: Motion, ax: Axes | None = None) -> Axes:
     _mark_releases(motion, ax)
     # Rates of a symmetric separation are rounding errors, which would fill the panel.
     low, high = min(motion.rates.min(), -0.1), max(motion.rates.max(), 0.1)
-    # Room for the legend above the lines.
+    # Space for the legend above the lines.
     ax.set_ylim(low - 0.05 * (high - low), high + 0.35 * (high - low))
     ax.legend(fontsize=FONT_SIZE, loc="upper left", ncols=2)
     return ax
