@@ -37,7 +37,7 @@ FILES = {
     "negative force": ("h,f\n0,220\n20,-1\n", ["row 3 = 20,-1", "force must not be negative"]),
     "negative stroke": ("h,f\n-1,220\n20,1\n", ["row 2 = -1,220", "first stroke must be 0 mm"]),
     "late start": ("h,f\n5,220\n20,1\n", ["row 2 = 5,220", "first stroke must be 0 mm"]),
-    "too short": ("h,f\n0,220\n", ["1 rows", "2 to 1000 are needed"]),
+    "too short": ("h,f\n0,220\n", ["1 rows", "there must be 2 to 1000"]),
     "too long": ("h,f\n" + "\n".join(f"{n},1" for n in range(1001)), ["1001 rows"]),
     "empty": ("\n\n", ["the file is empty", "header"]),
     "no header": ("0,220\n30,55\n", ["row 1 = '0,220' holds numbers", "header"]),
@@ -73,9 +73,9 @@ def test_a_file_without_end_or_with_a_cell_without_end_is_refused(tmp_path):
 
 
 def test_rows_that_are_none():
-    with pytest.raises(ValueError, match=r"mine: row 2 = \[1\]: two finite numbers"):
+    with pytest.raises(ValueError, match=r"mine: row 2 = \[1\]: it must be two finite numbers"):
         checked_force_table([[0, 1], [1]], "mine")
-    with pytest.raises(ValueError, match="mine: row 1 = 3: two finite numbers"):
+    with pytest.raises(ValueError, match="mine: row 1 = 3: it must be two finite numbers"):
         checked_force_table([3, 4], "mine")
 
 

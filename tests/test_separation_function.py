@@ -170,7 +170,7 @@ def test_inputs_that_are_not_finite(model, value, monkeypatch):
 
 
 def test_a_sample_of_another_shape(model):
-    with pytest.raises(ValueError, match=r"shape \(2, 34\); \(N, 35\)"):
+    with pytest.raises(ValueError, match=r"shape \(2, 34\); it must be \(N, 35\)"):
         model.evaluate(np.zeros((2, 34)))
 
 

@@ -94,11 +94,11 @@ def parse_force_table(text: str, where: str) -> np.ndarray:
     except csv.Error as error:
         raise ValueError(f"{where}: the file cannot be read ({error})") from error
     if not lines:
-        raise ValueError(f"{where}: the file is empty; {_HEADER} and two or more rows are needed")
+        raise ValueError(f"{where}: the file is empty; it must have {_HEADER} and two or more rows")
     number, header = lines[0]
     if not any(math.isnan(_parsed(cell)) for cell in header):
         raise ValueError(
-            f"{where}: row {number} = '{_on_one_line(','.join(header))}' holds numbers; {_HEADER} is needed there"
+            f"{where}: row {number} = '{_on_one_line(','.join(header))}' holds numbers; it must be {_HEADER}"
         )
     return checked_force_table(
         [[_parsed(cell) for cell in cells] for _, cells in lines[1:]],
@@ -148,12 +148,12 @@ def checked_force_table(
     numbers = range(1, len(rows) + 1) if numbers is None else numbers
     shown = [_on_one_line(str(row)) for row in rows] if shown is None else shown
     if not 2 <= len(rows) <= _MAXIMUM_ROWS:
-        raise ValueError(f"{where}: {len(rows)} rows of stroke [mm] and force [N]; 2 to {_MAXIMUM_ROWS} are needed")
+        raise ValueError(f"{where}: {len(rows)} rows of stroke [mm] and force [N]; there must be 2 to {_MAXIMUM_ROWS}")
     before = None
     for number, row, text in zip(numbers, rows, shown, strict=True):
         place = f"{where}: row {number} = {text}"
         if not is_numbers(row, 2):
-            raise ValueError(f"{place}: two finite numbers, stroke [mm] and force [N], are needed")
+            raise ValueError(f"{place}: it must be two finite numbers, stroke [mm] and force [N]")
         stroke, force = row
         if before is None and stroke != 0.0:
             raise ValueError(f"{place}: the first stroke must be 0 mm, where the spring is stowed")

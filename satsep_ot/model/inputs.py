@@ -393,7 +393,7 @@ def joint_distribution(inputs: Sequence[UncertainInput], copula: ot.Distribution
         if not copula.isCopula() or copula.getDimension() != len(marginals):
             raise ValueError(
                 f"the copula given is a {kind} of dimension {copula.getDimension()}; "
-                f"a copula of dimension {len(marginals)} is needed, one for each uncertain input"
+                f"it must be a copula of dimension {len(marginals)}, one for each uncertain input"
             )
         if endsInterpreter(copula):
             raise ValueError(f"a {kind} is not supported by OpenTURNS 1.27; a NormalCopula, for one, is")

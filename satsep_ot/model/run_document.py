@@ -66,12 +66,12 @@ def run_document(case: Case, times: Sequence[float] = (), tolerance: float = 1e-
     stops = np.unique([0.0, *times, *(time for time in events if math.isfinite(time))])
     path = trajectory(separation, stops, tolerance=tolerance)
     # The flight to the last of the times may need more steps than there are, where the separation needed few.
-    way = status if status != Status.OK else Status(int(path.status))
+    ending = status if status != Status.OK else Status(int(path.status))
     at = dict(zip(stops, path.states, strict=True))
     return {
         "case": case.name,
-        "status": way.name,
-        "message": outcome.explain(0) if way == status else f"the flight until {stops[-1]:g} s: {way.sentence}",
+        "status": ending.name,
+        "message": outcome.explain(0) if ending == status else f"the flight until {stops[-1]:g} s: {ending.sentence}",
         "tolerance": tolerance,
         "quantities": {name: _number(outcome.quantity(name)[0]) for name in quantities},
         "units": {name: quantity.unit for name, quantity in quantities.items()},

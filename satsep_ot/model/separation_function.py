@@ -184,7 +184,7 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
     def _checked(self, X):
         X = np.asarray(X, dtype=float)
         if X.ndim != 2 or X.shape[1] != self.getInputDimension():
-            raise ValueError(f"the sample has shape {X.shape}; (N, {self.getInputDimension()}) is needed")
+            raise ValueError(f"the sample has shape {X.shape}; it must be (N, {self.getInputDimension()})")
         # In parts: a sample may be the map of a file that is larger than the memory.
         for start in range(0, len(X), _CHUNK):
             wrong = np.argwhere(~np.isfinite(X[start : start + _CHUNK]))
