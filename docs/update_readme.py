@@ -45,9 +45,10 @@ def truth_table(screen):
             misses[method] += not inside
             cells.append("inside" if inside else f"**{side}** {row[1]} to {row[2]}")
         lines.append(f"| {requirement} | {truth:.3e} ± {100 * deviation / truth:.2f} % | {' | '.join(cells)} |")
-    shared = f", {misses['MonteCarlo']} of them on one Monte Carlo sample" if misses["MonteCarlo"] > 1 else ""
-    number = 2 * len(REFERENCE_VIOLATIONS)
-    said = f"One 95 % interval in twenty misses by design; of these {number}, {sum(misses.values())} do{shared}."
+    number, total, sharing = 2 * len(REFERENCE_VIOLATIONS), sum(misses.values()), misses["MonteCarlo"]
+    which = {2: "both"}.get(total, "all") if sharing == total else f"{sharing} of them"
+    shared = f", {which} on one Monte Carlo sample" if sharing > 1 else ""
+    said = f"One 95 % interval in twenty misses by design; of these {number}, {total} do{shared}."
     return "\n".join([*lines, "", said])
 
 
