@@ -10,6 +10,7 @@ from separation_cases import (
 )
 
 from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import Body, ForceLine, Status
@@ -74,14 +75,9 @@ def test_every_gradient_against_central_differences(case):
     assert outcome.status[0] == Status.OK
     scales = {".mass": 1e-2, "inertia": 1e-3, "stiffness": 0.5, "delay": 1e-6, "deformation": 1e-6, "stroke": 1e-6}
     steps = np.array([next((step for key, step in scales.items() if key in name), 1e-5) for name in names])
-    # What may not vary: a stowed length or a friction that the force line does not have, what a law does not take; a
-    # delay of 0 cannot be lowered, nor a scale of 0.
-    varied = [
-        i for i, name in enumerate(names)
-        if nominal[i] != 0.0 or not name.endswith(
-            ("stowed_length", "guide_friction", "delay", "scale", "stiffness", "deformation", "recess_radius")
-        )
-    ]  # fmt: skip
+    # What is 0 and may not have every sign cannot be lowered.
+    signs = separation.parameter_signs()
+    varied = [i for i, sign in enumerate(signs) if nominal[i] != 0.0 or sign == Sign.ANY]
     rows = np.concatenate([nominal + sign * np.diag(steps)[varied] for sign in (1.0, -1.0)])
     around = simulate(separation, rows, tolerance=1e-13)
     assert (around.status == Status.OK).all()
