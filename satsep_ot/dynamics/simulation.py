@@ -69,7 +69,6 @@ def _buffers(separation, slots):
         spring_gradients=np.zeros((LANES, spring_number), SPRING_PARAMETERS),
         offset_gradients=np.empty((LANES, plane_number)),
         chains=np.zeros(1, records.CHAIN_ADJOINT),
-        constants=np.zeros(1, records.CONSTANTS_ADJOINT),
         spring_adjoints=np.zeros(spring_number, records.SPRING_ADJOINT),
         offset_adjoints=np.empty((plane_number, LANES)),
     )

@@ -67,7 +67,7 @@ jobs = {
 }
 for job in jobs.values():
     job()
-print(*jobs, sep=";", flush=True)
+print(satsep_ot.__file__, *jobs, sep=";", flush=True)
 for line in sys.stdin:
     job = jobs[line.strip()]
     start = time.process_time()
@@ -83,7 +83,7 @@ def environment(checkout, cache):
 def cold_compile(checkout):
     """Processor time of the first run and its gradients, without a cache [s]."""
     with tempfile.TemporaryDirectory() as cache:
-        command = [sys.executable, "-c", COMPILE]
+        command = [sys.executable, "-P", "-c", COMPILE]
         output = subprocess.run(
             command, env=environment(checkout, cache), stdout=subprocess.PIPE, text=True, check=True
         )
@@ -92,9 +92,17 @@ def cold_compile(checkout):
 
 def worker(checkout, cache):
     return subprocess.Popen(
-        [sys.executable, "-W", "ignore", "-c", WORK], env=environment(checkout, cache), text=True, bufsize=1,
+        [sys.executable, "-P", "-W", "ignore", "-c", WORK], env=environment(checkout, cache), text=True, bufsize=1,
         stdin=subprocess.PIPE, stdout=subprocess.PIPE,
     )  # fmt: skip
+
+
+def imported_jobs(child, checkout):
+    """The file of the package that a worker has imported, which must be that of its checkout, and its jobs."""
+    file, *jobs = child.stdout.readline().strip().split(";")
+    if not Path(file).is_relative_to(checkout):
+        raise RuntimeError(f"{file} was imported; it must be below {checkout}")
+    return [file, *jobs]
 
 
 def report(name, other, this, unit="ms"):
@@ -116,7 +124,7 @@ def main():
     print(f"the other version over this one, processor time, medians of {options.rounds} turns each")
     with tempfile.TemporaryDirectory() as cache:
         workers = [worker(checkout, Path(cache) / str(i)) for i, checkout in enumerate(checkouts)]
-        jobs, _ = (child.stdout.readline().strip().split(";") for child in workers)
+        (_, *jobs), _ = (imported_jobs(child, checkout) for child, checkout in zip(workers, checkouts, strict=True))
         for job in jobs:
             seconds = [], []
             for _ in range(options.rounds):

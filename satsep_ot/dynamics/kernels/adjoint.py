@@ -31,7 +31,7 @@ from satsep_ot.dynamics.kernels.springs import (
     stroke_motion,
     switch,
 )
-from satsep_ot.dynamics.kernels.vectors import add_rows, clear, rotation, rotation_adjoint
+from satsep_ot.dynamics.kernels.vectors import add, clear, clear_rows, rotation, rotation_adjoint
 
 # Which number of a run is differentiated: one of the state at the last release, its time, the smallest clearance, the
 # clearance of one point at its exit; or none.
@@ -82,14 +82,15 @@ def last_index(last, run):
 @kernel
 def begin_sweep(run, sweep):
     """All adjoints are 0, and no spring pushes."""
-    clear(sweep.chain.state.x)
-    clear(sweep.constants.x)
+    chain = sweep.chain
+    clear(chain.state)
+    clear(chain.constants)
     for n in range(LANES):
-        sweep.chain.time[n] = 0.0
+        chain.time[n] = 0.0
     for i in range(run.springs.shape[0]):
-        clear(sweep.springs[i].x)
+        clear(sweep.springs[i])
         run.springs[i].is_pushing = OFF
-    clear(sweep.offsets)
+    clear_rows(sweep.offsets)
     clear_sums(run.system)
     run.system.number_beside = 0
 
@@ -110,23 +111,23 @@ def branch_adjoint(outputs, index, step, run, sweep):
                 is_exit = output.kind == EXIT_OUTPUT and output.index == i
                 if is_exit or (output.kind == CLEARANCE_OUTPUT and is_closest):
                     if not used:
-                        clear(chain.branch.x)
+                        clear(chain.branch)
                     used = True
                     clearance_adjoint(point.exit_state, i, n, kind, run, sweep, chain.branch)
             if used:
                 step_adjoint(point.exit_method, tape.time, tape.state, point.exit_length, run, sweep, chain.branch)
-                add_rows(chain.state.x, chain.branch.x)
+                add(chain.state, chain.branch)
     if run.points.shape[0] > 0 and closest.kind == INSIDE and closest.step == step and index == step:
         used = False
         for n in range(LANES):
             if outputs[n].kind == CLEARANCE_OUTPUT:
                 if not used:
-                    clear(chain.branch.x)
+                    clear(chain.branch)
                 used = True
                 clearance_adjoint(closest.state, closest.point, n, INSIDE, run, sweep, chain.branch)
         if used:
             step_adjoint(EIGHTH_ORDER, tape.time, tape.state, closest.length, run, sweep, chain.branch)
-            add_rows(chain.state.x, chain.branch.x)
+            add(chain.state, chain.branch)
 
 
 @kernel
@@ -150,12 +151,12 @@ def event_adjoint(index, event, which, run, sweep):
             chain.time[n] = -along[n]
         return
     _, rate, _ = stroke_motion(step.stage[0], step.slope[0], run.system, spring)
-    clear(chain.spring_force)
-    clear(chain.point)
+    clear_rows(chain.spring_force)
+    clear_rows(chain.point)
     for n in range(LANES):
         chain.stroke[n] = -(along[n] + chain.time[n]) / rate
         by_spring.release_stroke[n] -= chain.stroke[n]
-    clear(chain.rotation)
+    clear_rows(chain.rotation)
     stroke_adjoint(state, rotation(state.Q), spring, 0.0, 0.0, run, sweep, chain.state, by_spring)
     rotation_adjoint(state.Q, chain.rotation, chain.state.Q)
 

@@ -94,7 +94,7 @@ def _entry_points(source_digest: int) -> Any:
     def sweep_rows(first, end, rows, buffers, status, last, outputs, gradients):
         """Gradients (n, len(outputs), P) of outputs, a multiple of LANES, of the runs in the slots."""
         digest = source_digest  # noqa: F841
-        sweep = Sweep(buffers.chains[0], buffers.constants[0], buffers.spring_adjoints, buffers.offset_adjoints)
+        sweep = Sweep(buffers.chains[0], buffers.spring_adjoints, buffers.offset_adjoints)
         blocks = Gradients(buffers.gradients, buffers.spring_gradients, buffers.offset_gradients)
         # What an earlier run left there may be infinite, and 0 times infinity is no number.
         forget_slopes(buffers.steps[0])

@@ -204,7 +204,8 @@ def initial_state_adjoint(parameters, run, sweep, n, gradient):
     That of the matrix of Q is written.
     """
     given, system, state = parameters.common, run.system, run.tape[0].state
-    chain, constants = sweep.chain, sweep.constants
+    chain = sweep.chain
+    constants = chain.constants
     Delta_p, Delta_h, Omega = vector(given.impulse), vector(given.angular_impulse), vector(given.rates)
     c_2 = vector(given.satellite.center_of_mass)
     R = rotation(state.Q)
@@ -269,7 +270,7 @@ def body_parameters_adjoint(given, adjoint, inverse_reduced_mass, n, gradient):
 @kernel
 def constants_adjoint(parameters, run, sweep, n, gradient):
     """From lane n of the adjoints of the constants of a run to the gradient with respect to its parameters."""
-    given, constants, common = parameters.common, sweep.constants, gradient.common
+    given, constants, common = parameters.common, sweep.chain.constants, gradient.common
     body_parameters_adjoint(given.platform, constants.platform, constants.inverse_reduced_mass, n, common.platform)
     body_parameters_adjoint(given.satellite, constants.satellite, constants.inverse_reduced_mass, n, common.satellite)
     common.recess_radius = constants.recess_radius[n]

@@ -12,7 +12,7 @@ from satsep_ot.dynamics.kernels.integration import FIRST, FOURTH_ORDER, copy_sta
 from satsep_ot.dynamics.kernels.vectors import (
     add_lane,
     add_product,
-    clear,
+    clear_rows,
     cross,
     dot,
     minus,
@@ -317,7 +317,8 @@ def clearance_adjoint(state, i, n, kind, run, sweep, by_state):
     That is at its exit, whose time moves, or at a fixed or extremal time.
     """
     point, system, motion = run.points[i], run.system, run.step.motion
-    constants, chain = sweep.constants, sweep.chain
+    chain = sweep.chain
+    constants = chain.constants
     point_motion(state, system, point, motion)
     _, wall = nearest_wall(run, motion)
     if wall == 0:
@@ -337,6 +338,6 @@ def clearance_adjoint(state, i, n, kind, run, sweep, by_state):
     add_lane(by_state.d, n, by_p)
     add_lane(constants.platform.center_of_mass, n, by_p)
     add_lane(constants.satellite.center_of_mass, n, scaled(-1.0, transposed_times(R, by_p)))
-    clear(chain.rotation)
+    clear_rows(chain.rotation)
     add_product(chain.rotation, n, by_p, b)
     rotation_adjoint(state.Q, chain.rotation, by_state.Q)

@@ -22,7 +22,6 @@ from satsep_ot.dynamics.kernels.compilation import choice, inline, kernel, large
 from satsep_ot.dynamics.kernels.records import LANES
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
-    add_lane,
     dot,
     lane,
     minus,
@@ -145,7 +144,7 @@ def _of_all_lanes(adjoint):
     adjoint = inline(adjoint)
 
     @kernel
-    def of_all_lanes(system, spring, delta, n_2, f, slope, chain, constants, by_spring):
+    def of_all_lanes(system, spring, delta, n_2, f, slope, chain):
         n_1 = vector(spring.guide)
         l_0 = system.stowed_length
         mu_g = system.guide_friction
@@ -157,10 +156,10 @@ def _of_all_lanes(adjoint):
             chain.spring_size[n] = by_f
             put_lane(chain.seat, n, by_delta)
             put_lane(chain.plate, n, by_n_2)
-            add_lane(by_spring.platform_seat, n, minus(by_point, by_delta))
-            add_lane(by_spring.guide, n, by_n_1)
-            constants.stowed_length[n] += by_l_0
-            constants.guide_friction[n] += by_mu_g
+            put_lane(chain.spring.platform_seat, n, minus(by_point, by_delta))
+            put_lane(chain.spring.guide, n, by_n_1)
+            chain.constants.stowed_length[n] += by_l_0
+            chain.constants.guide_friction[n] += by_mu_g
 
     return of_all_lanes
 
@@ -169,10 +168,11 @@ _contact_adjoint = choice([_of_all_lanes(line.adjoint) for line in ForceLine])
 
 
 @inline
-def contact_adjoint(system, spring, delta, n_2, f, slope, chain, constants, by_spring):
+def contact_adjoint(system, spring, delta, n_2, f, slope, chain):
     """From the adjoints of a spring's force, contact point and stroke in `chain` to all that they depend on.
 
     f is the spring's force with its scale and `slope` its derivative. Those of f, of delta and of n_2 go to
-    `spring_size`, `seat` and `plate` of the chain; the others are added to the constants and to those of the spring.
+    `spring_size`, `seat` and `plate` of the chain, those of seat and guide to `chain.spring`; the others are added to
+    those of the constants.
     """
-    _contact_adjoint(system.force_line, system, spring, delta, n_2, f, slope, chain, constants, by_spring)
+    _contact_adjoint(system.force_line, system, spring, delta, n_2, f, slope, chain)

@@ -16,16 +16,19 @@ from satsep_ot.dynamics.kernels.vectors import (
     cross,
     dot,
     lane,
+    matrix,
     minus,
     plus,
     put,
     put_lane,
+    put_product,
     rotation,
     rotation_adjoint,
     scaled,
     times,
     transposed_times,
     turned_back,
+    vector,
 )
 
 # An expansion of the orbit about its anchor serves this long [s]: its direction is then good to (n t)^3 / 6, 2e-9
@@ -109,6 +112,7 @@ def gradient_torque(rate, n, inertia):
 @inline
 def torque_adjoint(factor, inertia, n, moment, by_inertia, by_direction):
     """Adjoint of factor * n x (I n), from that of the moment: writes that of n and adds that of I."""
+    inertia = matrix(inertia)
     h = times(inertia, n)
     for m in range(LANES):
         v = scaled(factor, lane(moment, m))
@@ -119,12 +123,12 @@ def torque_adjoint(factor, inertia, n, moment, by_inertia, by_direction):
 
 
 @kernel
-def gravity_adjoint(t, state, R, run, sweep, by_state):
+def gravity_adjoint(t, state, R, run, chain):
     """Add what gravity contributes, to first order in |d| / |r| (1e-7 of an acceleration of 1e-6 m/s2)."""
-    chain, constants, system = sweep.chain, sweep.constants, run.system
+    by_state, constants, system = chain.derivative, chain.constants, run.system
     e, rate = earth_vector(t, system.anchor, state.q_1)
     n = scaled(system.anchor.inverse_radius, e)
-    d = state.d
+    d = vector(state.d)
     along = dot(n, d)
     for m in range(LANES):
         # Differential acceleration: -rate (d - 3 n (n . d)).
@@ -147,7 +151,5 @@ def gravity_adjoint(t, state, R, run, sweep, by_state):
     # n = C_1^T e: the adjoint of C_1 is e h^T, with e = C_1 n.
     e = times(rotation(state.q_1), n)
     for m in range(LANES):
-        for row in range(9):
-            chain.platform_rotation[row, m] = 0.0
-        add_product(chain.platform_rotation, m, e, lane(chain.direction, m))
+        put_product(chain.platform_rotation, m, e, lane(chain.direction, m))
     rotation_adjoint(state.q_1, chain.platform_rotation, by_state.q_1)

@@ -14,6 +14,7 @@ from scipy.integrate import DOP853
 from satsep_ot.dynamics.kernels.compilation import inline, integers, kernel
 from satsep_ot.dynamics.kernels.records import LANES, STAGES, STATE_SIZE
 from satsep_ot.dynamics.kernels.rigid_body import derivative, derivative_adjoint
+from satsep_ot.dynamics.kernels.vectors import add
 
 EIGHTH_ORDER, FOURTH_ORDER = integers(0, 1)
 
@@ -132,22 +133,20 @@ def step_adjoint(method, t, state, h, run, sweep, by_state):
     last = STAGE_NUMBER[method] - 1
     copy_state(state, step.stage[0])
     stages(FIRST, last + 1, method, t, h, run)
-    by_slope = chain.slope.x
+    by_end, by_slope, by_derivative = by_state.flat, chain.slope.flat, chain.derivative.flat
     for i in range(last, -1, -1):
         weight = h * B[method, i]
-        for m in range(STATE_SIZE):
-            for n in range(LANES):
-                by_slope[m, n] = weight * by_state.x[m, n]
+        for n in range(STATE_SIZE * LANES):
+            by_slope[n] = weight * by_end[n]
         for later in range(i + 1, last + 1):
             weight = h * A[method, later, i]
             if weight != 0.0:
-                by_later = chain.stage[later].x
-                for m in range(STATE_SIZE):
-                    for n in range(LANES):
-                        by_slope[m, n] += weight * by_later[m, n]
-        derivative_adjoint(t + C[method, i] * h, step.stage[i], step.slope[i], run, sweep, chain.stage[i])
+                by_later = chain.stage[later].flat
+                for n in range(STATE_SIZE * LANES):
+                    by_slope[n] += weight * by_later[n]
+        derivative_adjoint(t + C[method, i] * h, step.stage[i], step.slope[i], run, sweep)
+        by_stage = chain.stage[i].flat
+        for n in range(STATE_SIZE * LANES):
+            by_stage[n] = by_derivative[n]
     for i in range(last + 1):
-        by_stage = chain.stage[i].x
-        for m in range(STATE_SIZE):
-            for n in range(LANES):
-                by_state.x[m, n] += by_stage[m, n]
+        add(by_state, chain.stage[i])

@@ -3,6 +3,7 @@
 Platform axes unless said. Matrices stand row by row. A record is passed as one pointer.
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,13 +38,19 @@ def record(*fields: tuple) -> np.dtype:
 
 
 def named(*fields: tuple, lanes: tuple = ()) -> np.dtype:
-    """A record type whose numbers (or rows of lanes) also stand in one field `x`, one after the other."""
+    """A record type whose numbers (or rows of lanes) also stand in one field `x`, one after the other.
+
+    With lanes they stand in a field `flat`, too, all in one row.
+    """
     parts = record(*fields)
     size = parts.itemsize // np.dtype((NUMBER, lanes)).itemsize
+    whole = {"x": (NUMBER, (size, *lanes))}
+    if lanes:
+        whole["flat"] = (NUMBER, size * math.prod(lanes))
     union = {
-        "names": ["x", *parts.names],
-        "formats": [(NUMBER, (size, *lanes)), *(parts[name] for name in parts.names)],
-        "offsets": [0, *(parts.fields[name][1] for name in parts.names)],
+        "names": [*whole, *parts.names],
+        "formats": [*whole.values(), *(parts[name] for name in parts.names)],
+        "offsets": [*(0 for _ in whole), *(parts.fields[name][1] for name in parts.names)],
         "itemsize": parts.itemsize,
     }
     return np.dtype((Record, np.dtype(union, align=True)))
@@ -261,6 +268,8 @@ SPRING_ADJOINT = named(
     *((name, NUMBER, _LANE) for name in ("stiffness", "deformation", "release_stroke", "delay", "scale")),
     lanes=_LANE,
 )
+# The adjoint of one column of the sums over the guided springs.
+COLUMN_ADJOINT = named(("rows", NUMBER, (SUM_ROWS, LANES)), lanes=_LANE)
 # The adjoints of the constants of a run.
 CONSTANTS_ADJOINT = named(
     ("platform", BODY_ADJOINT),
@@ -270,12 +279,16 @@ CONSTANTS_ADJOINT = named(
     ("guide_friction", NUMBER, _LANE),
     ("recess_radius", NUMBER, _LANE),
     ("recess_depth", NUMBER, _LANE),
-    ("sums", NUMBER, (SUM_COLUMNS, SUM_ROWS, LANES)),
+    ("sums", COLUMN_ADJOINT, SUM_COLUMNS),
     lanes=_LANE,
 )
-# The adjoints of state and time on the way back, and scratch.
+# The adjoints of state, time and constants on the way back, and scratch. They are one record, since the compiler makes
+# vector instructions of a loop over lanes only where it sees that nothing else can lie where the loop writes.
 CHAIN_ADJOINT = record(
     ("state", STATE_ADJOINT),
+    ("constants", CONSTANTS_ADJOINT),
+    ("derivative", STATE_ADJOINT),  # what the adjoint of one slope says of the state
+    ("spring", SPRING_ADJOINT),  # what it says of one spring
     ("time", NUMBER, _LANE),
     ("branch", STATE_ADJOINT),  # of a state beside the chain
     ("slope", STATE_ADJOINT),
@@ -287,7 +300,7 @@ CHAIN_ADJOINT = record(
     ("satellite_torque", *_VECTOR_LANES),
     ("rotation", *_MATRIX_LANES),  # of the matrix of Q
     ("platform_rotation", *_MATRIX_LANES),  # of that of q_1
-    ("sums_product", NUMBER, (SUM_ROWS, LANES)),
+    ("forces", COLUMN_ADJOINT),  # of the product of the sums with d and R
     # What one spring passes on: of its force, its contact point and its stroke; of the size of its force, of its
     # satellite seat and of the satellite's y axis in platform axes.
     ("spring_force", *_VECTOR_LANES),
@@ -320,7 +333,6 @@ class Buffers(NamedTuple):
     spring_gradients: Any
     offset_gradients: Any
     chains: Any  # CHAIN_ADJOINT (1,)
-    constants: Any  # CONSTANTS_ADJOINT (1,)
     spring_adjoints: Any  # SPRING_ADJOINT (N,)
     offset_adjoints: Any  # (W, LANES)
 
@@ -329,7 +341,6 @@ class Sweep(NamedTuple):
     """The adjoints of LANES outputs on their way back through one run."""
 
     chain: Any  # record CHAIN_ADJOINT
-    constants: Any  # record CONSTANTS_ADJOINT
     springs: Any  # SPRING_ADJOINT (N,)
     offsets: Any  # of the planes (W, LANES)
 

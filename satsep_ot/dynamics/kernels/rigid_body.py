@@ -19,10 +19,12 @@ from satsep_ot.dynamics.kernels.vectors import (
     cross,
     dot,
     lane,
+    matrix,
     minus,
     plus,
     put,
     put_lane,
+    put_product,
     rotation,
     rotation_adjoint,
     scaled,
@@ -77,26 +79,27 @@ def derivative(t, state, slope, run):
 @inline
 def body_adjoint(body, omega, acceleration, by_acceleration, by_moment, by_omega, by_inertia):
     """Adjoint of I omega' = M - omega x I omega: from that of omega' to those of M, omega and I."""
-    h = times(body.inertia, omega)
+    inertia, inverse = matrix(body.inertia), matrix(body.inverse_inertia)
+    h = times(inertia, omega)
     for n in range(LANES):
-        by_M = times(body.inverse_inertia, lane(by_acceleration, n))
+        by_M = times(inverse, lane(by_acceleration, n))
         put_lane(by_moment, n, by_M)
         # h = I omega enters as -omega x h.
         by_h = cross(omega, by_M)
-        add_lane(by_omega, n, plus(cross(by_M, h), times(body.inertia, by_h)))
+        add_lane(by_omega, n, plus(cross(by_M, h), times(inertia, by_h)))
         add_product(by_inertia, n, by_h, omega)
         add_product(by_inertia, n, scaled(-1.0, by_M), acceleration)
 
 
 @kernel
-def kinematics_adjoint(state, chain, by_state):
-    """Write the adjoint of the state from that of the slope, as far as the motion of d, w, Q and q_1 goes."""
+def kinematics_adjoint(state, chain):
+    """Write `chain.derivative` from `chain.slope`, as far as the motion of d, w, Q and q_1 goes."""
     d, w = vector(state.d), vector(state.w)
     omega_1 = vector(state.omega_1)
     difference, total = minus(state.omega_2, omega_1), plus(state.omega_2, omega_1)
     q_w, q = state.Q[0], vector(state.Q, 1)
     z_w, z = state.q_1[0], vector(state.q_1, 1)
-    by_slope = chain.slope
+    by_slope, by_state = chain.slope, chain.derivative
     for n in range(LANES):
         # d' = w - omega_1 x d; w' = F / mu + gravity - omega_1 x w.
         by_d, by_w = lane(by_slope.d, n), lane(by_slope.w, n)
@@ -120,15 +123,16 @@ def kinematics_adjoint(state, chain, by_state):
 
 
 @kernel
-def derivative_adjoint(t, state, slope, run, sweep, by_state):
+def derivative_adjoint(t, state, slope, run, sweep):
     """Vector-Jacobian products of `derivative`, from LANES adjoints of its result `slope` in `chain.slope`.
 
-    Writes those of the state, adds those of the constants.
+    Writes those of the state into `chain.derivative`, adds those of the constants.
     """
-    chain, constants, system = sweep.chain, sweep.constants, run.system
+    chain, system = sweep.chain, run.system
+    by_state, constants, inverse_mass = chain.derivative, chain.constants, system.inverse_reduced_mass
     R = rotation(state.Q)
     F, M_2, _ = spring_forces(state, R, run)
-    kinematics_adjoint(state, chain, by_state)
+    kinematics_adjoint(state, chain)
     body_adjoint(
         system.platform, vector(state.omega_1), vector(slope.omega_1), chain.slope.omega_1, chain.platform_torque,
         by_state.omega_1, constants.platform.inertia,
@@ -139,16 +143,14 @@ def derivative_adjoint(t, state, slope, run, sweep, by_state):
     )  # fmt: skip
     for n in range(LANES):
         by_w = lane(chain.slope.w, n)
-        put_lane(chain.force, n, scaled(system.inverse_reduced_mass, by_w))
+        put_lane(chain.force, n, scaled(inverse_mass, by_w))
         constants.inverse_reduced_mass[n] += dot(F, by_w)
         # The moment on the platform as it is, that on the satellite turned by R^T.
         by_torque = lane(chain.satellite_torque, n)
         put_lane(chain.platform_moment, n, lane(chain.platform_torque, n))
         put_lane(chain.satellite_moment, n, times(R, by_torque))
-        for row in range(9):
-            chain.rotation[row, n] = 0.0
-        add_product(chain.rotation, n, M_2, by_torque)
-    spring_forces_adjoint(state, R, run, sweep, by_state)
+        put_product(chain.rotation, n, M_2, by_torque)
+    spring_forces_adjoint(state, R, run, sweep)
     if system.gravity != NO_GRAVITY:
-        gravity_adjoint(t, state, R, run, sweep, by_state)
+        gravity_adjoint(t, state, R, run, chain)
     rotation_adjoint(state.Q, chain.rotation, by_state.Q)

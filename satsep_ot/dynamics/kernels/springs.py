@@ -17,6 +17,7 @@ from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
     add_lane,
     add_product,
+    add_rows,
     cross,
     dot,
     lane,
@@ -199,19 +200,22 @@ def stroke_adjoint(state, R, spring, f, slope, run, sweep, by_state, by_spring):
     chain = sweep.chain
     b = vector(spring.satellite_seat)
     delta = minus(plus(state.d, times(R, b)), spring.platform_seat)
-    contact_adjoint(run.system, spring, delta, (R[1], R[4], R[7]), f, slope, chain, sweep.constants, by_spring)
+    contact_adjoint(run.system, spring, delta, (R[1], R[4], R[7]), f, slope, chain)
     for n in range(LANES):
         by_seat = lane(chain.seat, n)
-        add_lane(by_state.d, n, by_seat)
-        add_lane(by_spring.satellite_seat, n, transposed_times(R, by_seat))
+        put_lane(chain.spring.satellite_seat, n, transposed_times(R, by_seat))
         add_product(chain.rotation, n, by_seat, b)
         chain.rotation[1, n] += chain.plate[0, n]
         chain.rotation[4, n] += chain.plate[1, n]
         chain.rotation[7, n] += chain.plate[2, n]
+    add_rows(by_state.d, chain.seat)
+    add_rows(by_spring.platform_seat, chain.spring.platform_seat)
+    add_rows(by_spring.satellite_seat, chain.spring.satellite_seat)
+    add_rows(by_spring.guide, chain.spring.guide)
 
 
 @kernel
-def spring_force_adjoint(state, R, i, run, sweep, by_state):
+def spring_force_adjoint(state, R, i, run, sweep):
     """Add what spring i contributes, from the adjoints of force and moments in the chain."""
     chain, spring, by_spring = sweep.chain, run.springs[i], sweep.springs[i]
     d = vector(state.d)
@@ -230,8 +234,8 @@ def spring_force_adjoint(state, R, i, run, sweep, by_state):
         put_lane(chain.spring_force, n, by_F)
         put_lane(chain.point, n, cross(F, minus(by_M_2, by_M_1)))
         chain.stroke[n] = 0.0
-        add_lane(by_state.d, n, cross(by_M_2, F))
-    stroke_adjoint(state, R, spring, f, spring.scale * slope, run, sweep, by_state, by_spring)
+        add_lane(chain.derivative.d, n, cross(by_M_2, F))
+    stroke_adjoint(state, R, spring, f, spring.scale * slope, run, sweep, chain.derivative, by_spring)
     for n in range(LANES):
         by_f = chain.spring_size[n]
         by_spring.scale[n] += value * by_f
@@ -240,10 +244,9 @@ def spring_force_adjoint(state, R, i, run, sweep, by_state):
 
 
 @kernel
-def guided_forces_adjoint(state, R, run, sweep, by_state):
+def guided_forces_adjoint(state, R, run, chain):
     """The same for all springs in the sums at once; their forces stand in `run.step`."""
-    chain, sums, forces = sweep.chain, run.system.sums, run.step.forces
-    product = chain.sums_product
+    sums, forces, product, by_state = run.system.sums, run.step.forces, chain.forces.rows, chain.derivative
     d = vector(state.d)
     F = (forces[0], forces[1], forces[2])
     x, y, z = (forces[3], forces[4], forces[5]), (forces[6], forces[7], forces[8]), (forces[9], forces[10], forces[11])
@@ -267,9 +270,9 @@ def guided_forces_adjoint(state, R, run, sweep, by_state):
         elif j > 0:
             factor = d[j - 1]
         # The adjoint of the matrix, and for j > 0 that of d or R.
-        for m in range(SUM_ROWS):
-            for n in range(LANES):
-                sweep.constants.sums[j, m, n] += factor * product[m, n]
+        by_column, by_forces = chain.constants.sums[j].flat, chain.forces.flat
+        for n in range(SUM_ROWS * LANES):
+            by_column[n] += factor * by_forces[n]
         if j > 0:
             target = by_state.d[j - 1] if j < 4 else chain.rotation[j - 4]
             for n in range(LANES):
@@ -280,14 +283,14 @@ def guided_forces_adjoint(state, R, run, sweep, by_state):
 
 
 @inline
-def spring_forces_adjoint(state, R, run, sweep, by_state):
+def spring_forces_adjoint(state, R, run, sweep):
     """From the adjoints of force and moments in the chain to those of the state and of all springs that push."""
     if run.system.number_in_sums > 0:
-        guided_forces_adjoint(state, R, run, sweep, by_state)
+        guided_forces_adjoint(state, R, run, sweep.chain)
     if run.system.number_beside > 0:
         for i in range(run.springs.shape[0]):
             if run.springs[i].is_pushing and not run.springs[i].in_sums:
-                spring_force_adjoint(state, R, i, run, sweep, by_state)
+                spring_force_adjoint(state, R, i, run, sweep)
 
 
 @kernel
@@ -297,7 +300,7 @@ def collect_sums(i, sign, run, sweep):
     The matrix gathers from the end of the run on: a spring takes it once with -1 at its release and once with 1 at the
     start of its push.
     """
-    spring, by_spring, by_sums, step = run.springs[i], sweep.springs[i], sweep.constants.sums, run.step
+    spring, by_spring, by_sums, step = run.springs[i], sweep.springs[i], sweep.chain.constants.sums, run.step
     if not spring.in_sums:
         return
     row_and_column(spring, run.cubics, step)
@@ -315,7 +318,7 @@ def collect_sums(i, sign, run, sweep):
         by_f_0[n] = 0.0
     for j in range(SUM_ROWS):
         for n in range(LANES):
-            by_f_0[n] += sign * step.row[j] * by_sums[0, j, n]
+            by_f_0[n] += sign * step.row[j] * by_sums[0].rows[j, n]
     for n in range(LANES):
         by_f_1[n] = -along * by_f_0[n]
     for j in range(SUM_ROWS):
@@ -325,10 +328,10 @@ def collect_sums(i, sign, run, sweep):
             by_column[n] = 0.0
         for m in range(SUM_COLUMNS):
             for n in range(LANES):
-                by_row[n] += sign * step.column[m] * by_sums[m, j, n]
+                by_row[n] += sign * step.column[m] * by_sums[m].rows[j, n]
         for m in range(SUM_ROWS):
             for n in range(LANES):
-                by_column[n] += sign * step.row[m] * by_sums[1 + j, m, n]
+                by_column[n] += sign * step.row[m] * by_sums[1 + j].rows[m, n]
         axis = j if j < 3 else (j - 3) // 3
         arm = (j - 3) % 3
         for n in range(LANES):

@@ -19,6 +19,12 @@ def vector(a, first=0):
 
 
 @inline
+def matrix(a):
+    """Nine numbers of a field as a tuple."""
+    return a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8]
+
+
+@inline
 def plus(a, b):
     """a + b."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
@@ -142,6 +148,14 @@ def add_lane(field, n, a, first=0):
 
 
 @inline
+def put_product(field, n, a, b):
+    """Write the matrix a b^T into lane n of a matrix."""
+    put_lane(field, n, scaled(a[0], b))
+    put_lane(field, n, scaled(a[1], b), 3)
+    put_lane(field, n, scaled(a[2], b), 6)
+
+
+@inline
 def add_product(field, n, a, b):
     """Add the matrix a b^T to lane n of a matrix."""
     field[0, n] += a[0] * b[0]
@@ -156,7 +170,7 @@ def add_product(field, n, a, b):
 
 
 @inline
-def clear(field):
+def clear_rows(field):
     """Set a field of rows to zero."""
     for row in range(field.shape[0]):
         for n in range(LANES):
@@ -169,6 +183,22 @@ def add_rows(target, source):
     for row in range(target.shape[0]):
         for n in range(LANES):
             target[row, n] += source[row, n]
+
+
+@inline
+def clear(adjoint):
+    """Set a record of adjoints to zero."""
+    numbers = adjoint.flat
+    for n in range(numbers.shape[0]):
+        numbers[n] = 0.0
+
+
+@inline
+def add(target, source):
+    """Add a record of adjoints to another one."""
+    numbers, others = target.flat, source.flat
+    for n in range(numbers.shape[0]):
+        numbers[n] += others[n]
 
 
 @inline
@@ -189,8 +219,9 @@ def quaternion_adjoint(q, m):
 @inline
 def rotation_adjoint(q, matrix, target):
     """Add to the adjoint of a quaternion, `target` (4, LANES), what that of its matrix says, (9, LANES)."""
+    q = (q[0], q[1], q[2], q[3])
     for n in range(LANES):
-        by_q = quaternion_adjoint(q, matrix[:, n])
+        by_q = quaternion_adjoint(q, (*lane(matrix, n), *lane(matrix, n, 3), *lane(matrix, n, 6)))
         target[0, n] += by_q[0]
         target[1, n] += by_q[1]
         target[2, n] += by_q[2]
