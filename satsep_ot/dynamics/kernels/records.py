@@ -310,7 +310,10 @@ CHAIN_ADJOINT = record(
     ("seat", *_VECTOR_LANES),
     ("plate", *_VECTOR_LANES),
     ("direction", *_VECTOR_LANES),  # to the Earth
-    *((name, NUMBER, _LANE) for name in ("by_f_0", "by_f_1", "by_row", "by_column")),  # of a spring in the sums
+    # Of a spring in the sums.
+    *((name, NUMBER, _LANE) for name in ("by_f_0", "by_f_1", "by_entry", "by_column")),
+    ("row", NUMBER, SUM_ROWS),
+    ("column", NUMBER, SUM_COLUMNS),
 )
 
 

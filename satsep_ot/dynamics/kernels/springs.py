@@ -15,9 +15,11 @@ from satsep_ot.dynamics.kernels.force_lines import contact, contact_adjoint
 from satsep_ot.dynamics.kernels.records import LANES, SUM_COLUMNS, SUM_ROWS
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
+    add,
     add_lane,
     add_product,
     add_rows,
+    clear,
     cross,
     dot,
     lane,
@@ -300,52 +302,54 @@ def collect_sums(i, sign, run, sweep):
     The matrix gathers from the end of the run on: a spring takes it once with -1 at its release and once with 1 at the
     start of its push.
     """
-    spring, by_spring, by_sums, step = run.springs[i], sweep.springs[i], sweep.chain.constants.sums, run.step
+    chain, spring = sweep.chain, run.springs[i]
     if not spring.in_sums:
         return
-    row_and_column(spring, run.cubics, step)
-    chain, n_1, a, b = sweep.chain, spring.guide, spring.platform_seat, spring.satellite_seat
+    by_sums, by_spring, row, column = chain.constants.sums, chain.spring, chain.row, chain.column
+    row_and_column(spring, run.cubics, chain)
+    n_1, a, b = vector(spring.guide), vector(spring.platform_seat), vector(spring.satellite_seat)
     along = dot(n_1, a)
     # The law is linear in the stroke, f = f_0 + f_1 s, and so are its derivatives.
     f_0, f_1, stiffness_0, deformation_0 = force(spring, run.cubics, 0.0)
     _, _, stiffness_1, deformation_1 = force(spring, run.cubics, 1.0)
-    f_0 *= spring.scale
-    f_1 *= spring.scale
+    scale = spring.scale
+    f_0 *= scale
+    f_1 *= scale
     stiffness_1 -= stiffness_0
     deformation_1 -= deformation_0
-    by_f_0, by_f_1, by_row, by_column = chain.by_f_0, chain.by_f_1, chain.by_row, chain.by_column
+    by_f_0, by_f_1, by_entry, by_column = chain.by_f_0, chain.by_f_1, chain.by_entry, chain.by_column
+    clear(by_spring)
     for n in range(LANES):
-        by_f_0[n] = 0.0
-    for j in range(SUM_ROWS):
-        for n in range(LANES):
-            by_f_0[n] += sign * step.row[j] * by_sums[0].rows[j, n]
-    for n in range(LANES):
-        by_f_1[n] = -along * by_f_0[n]
+        total = 0.0
+        for j in range(SUM_ROWS):
+            total += row[j] * by_sums[0].rows[j, n]
+        by_f_0[n] = sign * total
+        by_f_1[n] = -along * sign * total
     for j in range(SUM_ROWS):
         # An entry of the row, n_1 or n_1 b^T, which stands in the column as well, times f_1.
         for n in range(LANES):
-            by_row[n] = 0.0
-            by_column[n] = 0.0
-        for m in range(SUM_COLUMNS):
-            for n in range(LANES):
-                by_row[n] += sign * step.column[m] * by_sums[m].rows[j, n]
-        for m in range(SUM_ROWS):
-            for n in range(LANES):
-                by_column[n] += sign * step.row[m] * by_sums[1 + j].rows[m, n]
+            of_row = 0.0
+            of_column = 0.0
+            for m in range(SUM_COLUMNS):
+                of_row += column[m] * by_sums[m].rows[j, n]
+            for m in range(SUM_ROWS):
+                of_column += row[m] * by_sums[1 + j].rows[m, n]
+            by_column[n] = sign * of_column
+            by_entry[n] = sign * (of_row + f_1 * of_column)
         axis = j if j < 3 else (j - 3) // 3
         arm = (j - 3) % 3
+        share = 1.0 if j < 3 else b[arm]
         for n in range(LANES):
-            by_f_1[n] += step.row[j] * by_column[n]
-            by_entry = by_row[n] + f_1 * by_column[n]
-            if j < 3:
-                by_spring.guide[axis, n] += by_entry
-            else:
-                by_spring.guide[axis, n] += b[arm] * by_entry
-                by_spring.satellite_seat[arm, n] += n_1[axis] * by_entry
+            by_f_1[n] += row[j] * by_column[n]
+            by_spring.guide[axis, n] += share * by_entry[n]
+        if j >= 3:
+            for n in range(LANES):
+                by_spring.satellite_seat[arm, n] += n_1[axis] * by_entry[n]
     for n in range(LANES):
         by_constant = -f_1 * by_f_0[n]
         add_lane(by_spring.guide, n, scaled(by_constant, a))
-        add_lane(by_spring.platform_seat, n, scaled(by_constant, n_1))
-        by_spring.scale[n] += (f_0 * by_f_0[n] + f_1 * by_f_1[n]) / spring.scale
-        by_spring.stiffness[n] += spring.scale * (stiffness_0 * by_f_0[n] + stiffness_1 * by_f_1[n])
-        by_spring.deformation[n] += spring.scale * (deformation_0 * by_f_0[n] + deformation_1 * by_f_1[n])
+        put_lane(by_spring.platform_seat, n, scaled(by_constant, n_1))
+        by_spring.scale[n] = (f_0 * by_f_0[n] + f_1 * by_f_1[n]) / scale
+        by_spring.stiffness[n] = scale * (stiffness_0 * by_f_0[n] + stiffness_1 * by_f_1[n])
+        by_spring.deformation[n] = scale * (deformation_0 * by_f_0[n] + deformation_1 * by_f_1[n])
+    add(sweep.springs[i], by_spring)
