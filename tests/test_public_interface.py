@@ -1,7 +1,9 @@
 """What `import satsep_ot` offers, and what it must not do."""
 
 import ast
+import importlib
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -49,3 +51,11 @@ def test_the_api_page_lists_every_class_that_has_an_example():
                     classes.add(f"{module}.{node.name}")
     assert classes <= set(page), classes - set(page)
     assert len(classes) > 40
+
+
+def test_every_name_on_the_api_page_is_there():
+    page = (Path(__file__).parents[1] / "docs" / "api.rst").read_text(encoding="utf-8")
+    listed = re.findall(r"^   ~([\w.]+)\.(\w+)$", page, re.M)
+    assert len(listed) > 100
+    missing = [name for module, name in listed if not hasattr(importlib.import_module(f"satsep_ot.{module}"), name)]
+    assert missing == []
