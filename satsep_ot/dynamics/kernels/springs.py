@@ -37,20 +37,20 @@ OFF, ON = integers(0, 1)
 
 
 @kernel
-def row_and_column(spring, cubics, step):
-    """What a guided spring adds to the sums, as a row and a column in `step`."""
+def row_and_column(spring, cubics, scratch):
+    """What a guided spring adds to the sums, as a row and a column of `scratch`: a record of the step or the chain."""
     f_0, f_1, _, _ = force(spring, cubics, 0.0)
     f_0 *= spring.scale
     f_1 *= spring.scale
-    step.column[0] = f_0 - f_1 * dot(spring.guide, spring.platform_seat)
+    scratch.column[0] = f_0 - f_1 * dot(spring.guide, spring.platform_seat)
     for n in range(3):
         direction = spring.guide[n]
-        step.row[n] = direction
-        step.column[1 + n] = f_1 * direction
+        scratch.row[n] = direction
+        scratch.column[1 + n] = f_1 * direction
         for m in range(3):
             entry = direction * spring.satellite_seat[m]
-            step.row[3 + 3 * n + m] = entry
-            step.column[4 + 3 * n + m] = f_1 * entry
+            scratch.row[3 + 3 * n + m] = entry
+            scratch.column[4 + 3 * n + m] = f_1 * entry
 
 
 @kernel

@@ -217,11 +217,11 @@ def quaternion_adjoint(q, m):
 
 
 @inline
-def rotation_adjoint(q, matrix, target):
+def rotation_adjoint(q, by_rotation, target):
     """Add to the adjoint of a quaternion, `target` (4, LANES), what that of its matrix says, (9, LANES)."""
     q = (q[0], q[1], q[2], q[3])
     for n in range(LANES):
-        by_q = quaternion_adjoint(q, (*lane(matrix, n), *lane(matrix, n, 3), *lane(matrix, n, 6)))
+        by_q = quaternion_adjoint(q, (*lane(by_rotation, n), *lane(by_rotation, n, 3), *lane(by_rotation, n, 6)))
         target[0, n] += by_q[0]
         target[1, n] += by_q[1]
         target[2, n] += by_q[2]
