@@ -10,11 +10,13 @@ from separation_cases import (
     SQUARE,
     TRUTH_CASES,
     general_separation,
+    mixed_springs,
     symmetric_separation,
     truth_separation,
 )
 
 from satsep_ot.dynamics import simulation
+from satsep_ot.dynamics.kernels import records
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.rotations import quaternion_product, rotation_matrix
 from satsep_ot.dynamics.separation import Body, ForceLine, Separation, Springs, Status
@@ -118,6 +120,30 @@ def test_a_run_does_not_depend_on_its_batch():
     assert (together.status == Status.OK).all()
     for row in (0, 63, 64, 299):
         np.testing.assert_array_equal(simulate(separation, rows[row]).base[0], together.base[row])
+
+
+def test_a_gradient_does_not_depend_on_the_runs_before_it_in_the_same_memory():
+    separation = general_separation(springs=mixed_springs())
+    rng = np.random.default_rng(2)
+    rows = separation.parameters() * (1.0 + 1e-3 * rng.standard_normal((150, separation.parameters().size)))
+    rows[60:70, 0] = -1.0  # runs that leave the memory as it was
+    together = simulate_with_gradients(separation, rows)
+    for row in (0, 63, 64, 127, 128, 149):
+        alone = simulate_with_gradients(separation, rows[row])
+        np.testing.assert_array_equal(alone.gradients[0], together.gradients[row])
+
+
+@pytest.mark.parametrize(
+    ("dtype", "number"), [(records.CHAIN_ADJOINT, 1), (records.SPRING_ADJOINT, 5)], ids=["chain", "springs"]
+)
+def test_no_row_of_lanes_lies_across_two_cache_lines(dtype, number):
+    """A sweep would take a tenth more time."""
+    array = records.aligned_records(number, dtype)
+    assert array.dtype == dtype
+    assert array.shape == (number,)
+    assert array[number - 1 :].ctypes.data % records.CACHE_LINE == 0
+    with_lanes = set(dtype.names) - {"row", "column"}
+    assert all(dtype.fields[name][1] % records.CACHE_LINE == 0 for name in with_lanes)
 
 
 def test_a_spring_never_pulls():

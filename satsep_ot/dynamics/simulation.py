@@ -68,8 +68,8 @@ def _buffers(separation, slots):
         gradients=np.zeros(LANES, PARAMETERS),
         spring_gradients=np.zeros((LANES, spring_number), SPRING_PARAMETERS),
         offset_gradients=np.empty((LANES, plane_number)),
-        chains=np.zeros(1, records.CHAIN_ADJOINT),
-        spring_adjoints=np.zeros(spring_number, records.SPRING_ADJOINT),
+        chains=records.aligned_records(1, records.CHAIN_ADJOINT),
+        spring_adjoints=records.aligned_records(spring_number, records.SPRING_ADJOINT),
         offset_adjoints=np.empty((plane_number, LANES)),
     )
     buffers.systems["force_line"] = separation.force_line
@@ -311,8 +311,13 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
     gradients = np.full((n, len(outputs), rows.shape[1]), np.nan)
     sweeping = len(outputs) > 0
 
+    spare: list[Buffers] = []  # the memory of threads between two pieces
+
     def job(first, end):
-        buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1)
+        try:
+            buffers = spare.pop()
+        except IndexError:
+            buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1)
         runs = (
             first, end, int(sweeping), rows, *common, buffers, results, exit_clearances, release_times, status, steps,
             last, states,
@@ -322,6 +327,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
         run_rows(*runs)
         if sweeping:
             sweep_rows(*sweeps)
+        spare.append(buffers)
 
     _in_threads(n, SWEEP_CHUNK if sweeping else RUN_CHUNK, job)
     base = np.full((n, len(base_fields(separation))), np.nan)

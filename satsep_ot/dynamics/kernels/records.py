@@ -11,6 +11,7 @@ import numpy as np
 STAGES = 12  # of a Runge-Kutta step, at most
 LANES = 8  # outputs that are differentiated together: one vector register of the processor
 MAXIMUM_STEPS = 1000
+CACHE_LINE = 64  # bytes, as many as one row of lanes
 LARGEST = 1e30  # far beyond any physical value, so that no product overflows
 
 NUMBER, INTEGER = np.float64, np.int64
@@ -54,6 +55,16 @@ def named(*fields: tuple, lanes: tuple = ()) -> np.dtype:
         "itemsize": parts.itemsize,
     }
     return np.dtype((Record, np.dtype(union, align=True)))
+
+
+def aligned_records(number: int, dtype: np.dtype) -> np.ndarray:
+    """An array (number,) of records of zeros that begins with a cache line.
+
+    A row of lanes that lies across two lines takes twice as long to load.
+    """
+    memory = np.zeros(number * dtype.itemsize + CACHE_LINE, np.uint8)
+    start = -memory.ctypes.data % CACHE_LINE
+    return memory[start : start + number * dtype.itemsize].view(dtype)
 
 
 def _state(*lanes):
@@ -138,6 +149,7 @@ SYSTEM = record(
     ("gravity", INTEGER),
     ("anchor", ANCHOR),
     ("sums", NUMBER, (SUM_COLUMNS, SUM_ROWS)),
+    ("forces", NUMBER, SUM_ROWS),  # of the guided springs, where they were asked for last: what follows from the sums
     ("number_in_sums", INTEGER),  # of the springs that push now
     ("number_beside", INTEGER),  # and of those whose force is computed by itself
     ("closest", CLOSEST),
@@ -174,11 +186,11 @@ TAPE = record(
 STEP = record(
     ("stage", STATE, STAGES),
     ("slope", STATE, STAGES),
+    ("combined", STATE),  # slopes, as a state
     ("end", STATE),
     ("allowed", STATE),  # error
     ("other", STATE),  # a state beside the chain
     ("motion", MOTION),
-    ("forces", NUMBER, SUM_ROWS),  # of the guided springs
     ("row", NUMBER, SUM_ROWS),
     ("column", NUMBER, SUM_COLUMNS),
 )

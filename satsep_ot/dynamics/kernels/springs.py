@@ -122,9 +122,9 @@ def start_springs(run, release_time):
 
 
 @inline
-def guided_forces(state, R, system, forces):
-    """Force and moments of the springs in the sums, as `spring_forces` has them; fills `forces`."""
-    d = state.d
+def guided_forces(state, R, system):
+    """Force and moments of the springs in the sums, as `spring_forces` has them; fills `system.forces`."""
+    d, forces = vector(state.d), system.forces
     for n in range(SUM_ROWS):
         forces[n] = (
             system.sums[0, n]
@@ -158,7 +158,7 @@ def spring_forces(state, R, run):
     system = run.system
     F, M_2, M_1 = ZERO, ZERO, ZERO
     if system.number_in_sums > 0:
-        F, M_2, M_1 = guided_forces(state, R, system, run.step.forces)
+        F, M_2, M_1 = guided_forces(state, R, system)
     if system.number_beside > 0:
         d = vector(state.d)
         n_2 = (R[1], R[4], R[7])
@@ -247,8 +247,8 @@ def spring_force_adjoint(state, R, i, run, sweep):
 
 @kernel
 def guided_forces_adjoint(state, R, run, chain):
-    """The same for all springs in the sums at once; their forces stand in `run.step`."""
-    sums, forces, product, by_state = run.system.sums, run.step.forces, chain.forces.rows, chain.derivative
+    """The same for all springs in the sums at once; their forces stand in `run.system`."""
+    sums, forces, product, by_state = run.system.sums, run.system.forces, chain.forces.rows, chain.derivative
     d = vector(state.d)
     F = (forces[0], forces[1], forces[2])
     x, y, z = (forces[3], forces[4], forces[5]), (forces[6], forces[7], forces[8]), (forces[9], forces[10], forces[11])
