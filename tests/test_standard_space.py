@@ -1,9 +1,11 @@
 """The standard space: right where it exists, refused where it does not."""
 
+import time
+
 import numpy as np
 import openturns as ot
 import pytest
-from scipy import special
+from scipy import special, stats
 
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
 
@@ -85,7 +87,6 @@ def test_transformation_and_gradient_are_those_of_the_conditional_law(copula, co
     "distribution",
     [
         ot.Student(3.0, [0.0] * 2, [1.0] * 2, CORRELATION),
-        ot.Student(3.0),
         ot.JointDistribution(MARGINALS, ot.StudentCopula(3.0, CORRELATION)),
         ot.StudentCopula(3.0, CORRELATION),
     ],
@@ -97,7 +98,7 @@ def test_student_spaces_are_refused(distribution):
 
 def test_block_that_only_claims_a_normal_space_is_refused():
     # The one-dimensional Student block keeps its own standard space while the whole claims the normal one.
-    claims = ot.BlockIndependentDistribution([ot.Student(3.0), ot.Normal(2)])
+    claims = ot.BlockIndependentDistribution([ot.Student(3.0), ot.JointDistribution(MARGINALS, ot.ClaytonCopula(2.0))])
     with pytest.raises(ValueError, match="does not lead to independent standard normals"):
         StandardSpace(claims)
 
@@ -110,10 +111,67 @@ def test_inputs_with_atoms_are_refused_by_name(marginal):
         StandardSpace(distribution)
 
 
-def test_univariate_student_among_independent_marginals_is_fine():
-    space = StandardSpace(ot.JointDistribution([ot.Student(3.0), ot.Normal()]))
-    assert space.getDimension() == 2
-    assert space.generateSample(5).shape == (5, 2)
+@pytest.mark.parametrize(
+    "distribution",
+    [
+        ot.Student(3.0),
+        ot.JointDistribution([ot.Student(3.0), ot.Normal()]),
+        ot.BlockIndependentDistribution([ot.Student(3.0), ot.Normal(2)]),
+    ],
+)
+def test_independent_inputs_are_taken_one_by_one_whatever_space_they_have_of_their_own(distribution):
+    space = StandardSpace(distribution)
+    assert space.getRemarks() == []
+    levels = np.array([0.1, 0.5, 0.9, 0.999])
+    physical = space.toPhysical(np.repeat(special.ndtri(levels)[:, None], space.getDimension(), axis=1))
+    np.testing.assert_allclose(physical[:, 0], stats.t.ppf(levels, 3), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(
+        physical[:, 1:], np.repeat(special.ndtri(levels)[:, None], physical.shape[1] - 1, axis=1)
+    )
+
+
+def test_normal_inputs_cost_no_more_than_their_marginals():
+    # OpenTURNS' own transformation of ot.Normal(2000) takes 2000^3 numbers.
+    law = ot.Normal(2000)
+    start = time.perf_counter()
+    ot.JointDistribution([law.getMarginal(i) for i in range(2000)]).getIsoProbabilisticTransformation()([0.5] * 2000)
+    marginals = time.perf_counter() - start
+    start = time.perf_counter()
+    space = StandardSpace(law)
+    assert time.perf_counter() - start < 20.0 * marginals
+    points = space.generateSample(3)
+    np.testing.assert_array_equal(space.toPhysical(points), points)
+
+
+def test_an_inexact_transformation_is_used_with_a_remark_that_states_its_error():
+    sample = ot.JointDistribution(MARGINALS, ot.ClaytonCopula(2.0)).getSample(200)
+    copula = ot.EmpiricalBernsteinCopula(sample, 20)
+    space = StandardSpace(ot.JointDistribution(MARGINALS, copula))
+    (remark,) = space.getRemarks()
+    assert "inexact: a point comes back off by" in remark
+    stated = float(remark.split("off by ")[1].split()[0])
+    points = np.array([[0.0, 0.0], [1.0, -1.0], [-1.6, 1.6]])
+    found = np.abs(space.toStandard(space.toPhysical(points)) - points).max()
+    assert 0.3 * stated < found < 3.0 * stated
+
+
+def test_shifted_points_and_slopes_of_independent_inputs_are_those_of_the_transformation():
+    marginals = [
+        ot.Gumbel(1.0, 2.0),
+        ot.LogNormal(0.0, 0.3),
+        ot.Normal(1.0, 2.0),
+        ot.Student(3.0),
+        ot.Uniform(0.0, 2.0),
+    ]
+    space = StandardSpace(ot.JointDistribution(marginals))
+    points = space.generateSample(4)
+    shifted = space.shiftedPhysical(points, 0.1)
+    for i in range(5):
+        np.testing.assert_array_equal(shifted[:, i], space.toPhysical(points + 0.1 * np.eye(5)[i]))
+    slopes = space.chainGradient(points, np.ones((4, 5, 1)))[:, :, 0]
+    for u, slope in zip(points, slopes, strict=True):
+        expected = np.array(space.getInverseTransformation().gradient(u)).diagonal()
+        np.testing.assert_allclose(slope, expected, rtol=1e-10)
 
 
 def test_names_of_the_function_are_taken_only_where_the_distribution_has_none():

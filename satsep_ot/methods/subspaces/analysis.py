@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.subspaces.dimension import (
     LARGEST_DIMENSION,
     cross_validated_dimension,
@@ -89,6 +90,7 @@ class SubspaceAnalysis:
         return float(quantile_bands(self.distances, 0.95)[1][self.dimension - 1])
 
 
+@singleThread()
 def analyse_gradients(
     sample: GradientSample,
     bootstrap_size: int,

@@ -6,6 +6,8 @@ from scipy import linalg
 
 # Below this many rows for each input, a bootstrap replicate may span less than the whole sample.
 ROWS_FOR_CHOLESKY = 4
+# Singular values below this share of the largest are not known from eigenvalues of a Gram matrix to eight digits.
+CERTAIN_SHARE = 1e-4
 # A quantile below this share of the estimate comes from replicates with too few different rows to resolve it.
 LEAST_REFLECTED = 1e-2
 
@@ -129,27 +131,104 @@ def bootstrap_subspace(
     factors = np.repeat(factors, p, axis=1)
     eigenvalues = np.zeros((size, d))
     vectors = np.empty((size, d, largest))
-    whitened = triangle = None
     if len(rows) >= ROWS_FOR_CHOLESKY * d and count >= 2 * d:
-        whitened, triangle = linalg.qr(rows, mode="economic", check_finite=False)
-        products = (whitened[:, :, None] * whitened[:, None, :]).reshape(len(rows), d * d)
-    block = max(1, 4_000_000 // (max(d, len(rows)) * d))
-    for start in range(0, size, block):
-        factor = factors[start : start + block]
-        if triangle is not None:
-            try:
-                # The replicate is sqrt(D) Q R with Q^T D Q = L L^T well conditioned, so its singular values are
-                # those of L^T R: no squaring of R, whose range of scales is the interesting one.
-                lower = np.linalg.cholesky((factor @ products).reshape(-1, d, d))
-                replicates = lower.transpose(0, 2, 1) @ triangle
-            except np.linalg.LinAlgError:
-                replicates = np.sqrt(factor)[:, :, None] * rows
-        else:
-            replicates = np.sqrt(factor)[:, :, None] * rows
-        _, singular, right = np.linalg.svd(replicates, full_matrices=replicates.shape[1] < d)
-        eigenvalues[start : start + block, : singular.shape[1]] = singular**2
-        vectors[start : start + block] = right[:, :largest].transpose(0, 2, 1)
+        replicates = _triangular_replicates(rows, factors)
+    else:
+        replicates = _small_side_replicates(rows, factors, largest)
+    for b, (singular, leading) in enumerate(replicates):
+        eigenvalues[b, : len(singular)] = singular**2
+        vectors[b] = leading[:, :largest]
     return counts, eigenvalues, vectors
+
+
+def _triangular_replicates(rows, factors):
+    """Singular values and right vectors of sqrt(factor) times the rows, for each row of factors: many more rows than
+    inputs."""
+    count, d = rows.shape
+    whitened, triangle = linalg.qr(rows, mode="economic", check_finite=False)
+    products = (whitened[:, :, None] * whitened[:, None, :]).reshape(count, d * d)
+    block = max(1, 4_000_000 // (count * d))
+    for start in range(0, len(factors), block):
+        factor = factors[start : start + block]
+        try:
+            # The replicate is sqrt(D) Q R with Q^T D Q = L L^T well conditioned, so its singular values are
+            # those of L^T R: no squaring of R, whose range of scales is the interesting one.
+            lower = np.linalg.cholesky((factor @ products).reshape(-1, d, d))
+            replicates = lower.transpose(0, 2, 1) @ triangle
+        except np.linalg.LinAlgError:
+            replicates = np.sqrt(factor)[:, :, None] * rows
+        _, singular, right = np.linalg.svd(replicates, full_matrices=False)
+        yield from zip(singular, right.transpose(0, 2, 1), strict=True)
+
+
+def _small_side_replicates(rows, factors, largest):
+    """Singular values and right vectors of sqrt(factor) times the rows, for each row of factors: few rows.
+
+    A replicate has about 63 % of the rows, and what it spans lies in the span of all of them.
+    """
+    span = None
+    if len(rows) < rows.shape[1]:
+        span, triangle = linalg.qr(rows.T, mode="economic", check_finite=False)
+        rows = np.ascontiguousarray(triangle.T)
+    for factor in factors:
+        drawn = factor > 0.0
+        singular, right = small_side_svd(np.sqrt(factor[drawn])[:, None] * rows[drawn])
+        missing = largest - right.shape[1]
+        if span is not None:
+            right = span @ right[:, :largest]
+        if missing > 0:
+            # Directions that the replicate leaves open: any that complete its own.
+            right = np.hstack([right, linalg.qr(right)[0][:, right.shape[1] :]])
+        yield singular, right
+
+
+def small_side_svd(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Singular values and right singular vectors by the eigenvectors of the Gram matrix of the smaller side.
+
+    A symmetric matrix takes a fourth of the time of a singular value decomposition. Squaring loses what is small
+    beside the largest, so that what it leaves uncertain is decomposed anew without the rest: the values are as exact
+    as by a singular value decomposition.
+
+    Parameters
+    ----------
+    matrix : ndarray (n, m)
+
+    Returns
+    -------
+    singular : ndarray (k,)
+        Decreasing and positive; k is at most min(n, m).
+    right : ndarray (m, k)
+        Orthonormal columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.methods.subspaces.estimation import small_side_svd
+    >>> singular, right = small_side_svd(np.array([[3.0, 0.0, 0.0], [0.0, 1e-9, 0.0]]))
+    >>> singular.tolist(), np.abs(right).tolist()
+    ([3.0, 1e-09], [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    """
+    tall = len(matrix) > matrix.shape[1]
+    # The left vectors of the transposed matrix are the right ones of a tall matrix.
+    rest, left = (matrix.T, np.eye(matrix.shape[1])) if tall else (matrix, None)
+    values, rights = [np.empty(0)], [np.empty((matrix.shape[1], 0))]
+    while len(rest) and (scale := np.abs(rest).max()) > 0.0:
+        rest = rest / scale
+        turn = np.linalg.eigh(rest @ rest.T)[1][:, ::-1]
+        rest = turn.T @ rest
+        singular = np.sqrt(np.einsum("ij,ij->i", rest, rest))
+        certain = singular >= CERTAIN_SHARE * singular[0]
+        number = len(rest) if certain.all() else int(certain.argmin())
+        values.append(scale * singular[:number])
+        directions = (rest[:number] / singular[:number, None]).T
+        if left is None:
+            rights.append(directions)
+        else:
+            rights.append(left @ turn[:, :number])
+            left = left @ turn[:, number:]
+        rest = scale * rest[number:]
+        rest -= (rest @ directions) @ directions.T
+    return np.concatenate(values), np.hstack(rights)
 
 
 def bootstrap_distances(vectors: np.ndarray, replicates: np.ndarray) -> np.ndarray:

@@ -12,8 +12,10 @@ from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.subspaces.noise import estimate_noise
 from satsep_ot.openturns_adapter import callFunction
 
-# Points handed to the model at once when differences are taken.
-DIFFERENCE_BLOCK = 20000
+# Numbers handed to the model at once, of which OpenTURNS makes Python objects: more no longer fit into the cache.
+BLOCK_NUMBERS = 25_000
+# Points that are handed to it in any case, so that a model that shares them among processes can do so.
+LEAST_BLOCK = 500
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -122,15 +124,19 @@ class StandardModel:
         ValueError
             An output is not finite.
         """
+        return self._evaluatePhysical(self._space.toPhysical(points))
+
+    def _evaluatePhysical(self, physical):
         parts = []
-        for start in range(0, len(points), DIFFERENCE_BLOCK):
-            physical = self._space.toPhysical(points[start : start + DIFFERENCE_BLOCK])
-            values = callFunction(self._function, physical)
+        block = max(LEAST_BLOCK, BLOCK_NUMBERS // physical.shape[1])
+        for start in range(0, len(physical), block):
+            some = physical[start : start + block]
+            values = callFunction(self._function, some)
             self.evaluations += len(values)
             if not np.isfinite(values).all():
                 row = int((~np.isfinite(values).all(axis=1)).argmax())
                 raise ValueError(
-                    f"The function returned {values[row].tolist()} at the physical point {physical[row].tolist()}: "
+                    f"The function returned {values[row].tolist()} at the physical point {some[row].tolist()}: "
                     "an active subspace needs finite outputs."
                 )
             parts.append(values)
@@ -181,14 +187,15 @@ class StandardModel:
         """Gradients (n, d, p) by differences at points (n, d) with values (n, p)."""
         count, d = points.shape
         gradients = np.empty((count, d, values.shape[1]))
-        block = max(1, DIFFERENCE_BLOCK // (2 * d))
-        shifts = step * np.eye(d)
+        block = max(1, LEAST_BLOCK // d, BLOCK_NUMBERS // d**2)
         for start in range(0, count, block):
-            some = points[start : start + block]
-            ahead = self.evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -1)
-            if central:
-                behind = self.evaluate((some[:, None, :] - shifts).reshape(-1, d)).reshape(len(some), d, -1)
-                gradients[start : start + block] = (ahead - behind) / (2.0 * step)
-            else:
-                gradients[start : start + block] = (ahead - values[start : start + block, None, :]) / step
+            some = slice(start, start + block)
+            ahead = self._shiftedValues(points[some], step)
+            behind = self._shiftedValues(points[some], -step) if central else values[some, None, :]
+            gradients[some] = (ahead - behind) / (2.0 * step if central else step)
         return gradients
+
+    def _shiftedValues(self, points, shift):
+        """Outputs (n, d, p) at points (n, d) moved along one axis after the other."""
+        physical = self._space.shiftedPhysical(points, shift)
+        return self._evaluatePhysical(physical.reshape(-1, physical.shape[2])).reshape(*points.shape, -1)
