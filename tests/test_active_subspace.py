@@ -9,12 +9,14 @@ import openturns as ot
 import pytest
 from time_ratio import time_ratio
 
+from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.methods.subspaces.estimation import (
     bootstrap_distances,
     bootstrap_subspace,
     estimate_subspace,
     reflected_bands,
+    small_side_svd,
     subspace_distance,
 )
 from satsep_ot.methods.subspaces.noise import estimate_noise
@@ -755,3 +757,43 @@ def test_gradients_that_are_0_where_the_values_vary_are_remarked():
     algorithm.run()
     assert not any("though the values vary" in remark for remark in algorithm.getResult().getRemarks())
     assert algorithm.getResult().getEigenvalues()[1] > 0.1
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(30, 50), (50, 30)])
+@pytest.mark.parametrize("spread", [0.0, 3.0, 12.0, 40.0])
+@pytest.mark.parametrize("size", [1e-300, 1.0, 1e300])
+def test_the_small_side_knows_what_a_singular_value_decomposition_knows(rows, columns, spread, size):
+    random = np.random.default_rng(4)
+    spectrum = 10.0 ** -np.linspace(0.0, spread, 30)
+    left, right = (np.linalg.qr(random.standard_normal((n, 30)))[0] for n in (rows, columns))
+    matrix = left * spectrum @ right.T
+    singular, vectors = small_side_svd(size * matrix)
+    np.testing.assert_allclose(singular / size, np.linalg.svd(matrix)[1][: len(singular)], atol=1e-14)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(len(singular)), atol=1e-5)
+    np.testing.assert_allclose(np.linalg.norm(matrix @ vectors, axis=0), singular / size, atol=1e-5)
+
+
+def test_a_matrix_of_zeros_has_no_singular_vectors():
+    singular, vectors = small_side_svd(np.zeros((3, 5)))
+    assert singular.shape == (0,)
+    assert vectors.shape == (5, 0)
+
+
+def test_a_replicate_of_few_rows_takes_less_than_a_singular_value_decomposition():
+    matrix = np.random.default_rng(1).standard_normal((150, 250))
+    decompose = singleThread()(lambda: np.linalg.svd(matrix, full_matrices=False))
+    assert time_ratio(singleThread()(lambda: small_side_svd(matrix)), decompose) < 0.8
+
+
+def test_differences_in_many_inputs_come_in_blocks_that_hold_in_the_cache():
+    sizes = []
+
+    def linear(points):
+        sizes.append(len(points))
+        return np.asarray(points, dtype=float).sum(axis=1, keepdims=True)
+
+    result = result_of(ot.PythonFunction(120, 1, func_sample=linear), ot.Normal(120), setSamplingSize=20)
+    assert result.getEvaluationNumber() == sum(sizes)
+    assert max(sizes) == 4 * 120
+    assert result.getDimension() == 1
+    np.testing.assert_allclose(np.array(result.getDirections()), np.full((120, 1), 120**-0.5), atol=1e-8)

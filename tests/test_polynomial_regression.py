@@ -1,10 +1,12 @@
 """The polynomial regression against OpenTURNS, refitting, closed forms and known noise."""
 
+import copy
 import pickle
 
 import numpy as np
 import openturns as ot
 import pytest
+from time_ratio import time_ratio
 
 from satsep_ot.methods.polynomials import regression as polynomial_regression
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
@@ -312,6 +314,45 @@ def test_moments_that_the_law_does_not_have_are_refused(law, degree):
     regression.setDegree(0)
     regression.run()
     assert regression.getResult().getVariance()[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("law", "mean", "variance"),
+    [
+        # x^2: E[x^4] - E[x^2]^2 = 24 - 4 for Laplace; 3 s^4 (n - 2) / (n - 4) - s^4, s^2 = n / (n - 2) for Student.
+        (ot.Laplace(), 2.0, 20.0),
+        (ot.Student(20.0), 20.0 / 18.0, (20.0 / 18.0) ** 2 * (3.0 * 18.0 / 16.0 - 1.0)),
+        # Two narrow modes at -3 and 3: between them the density is next to nothing.
+        (ot.Mixture([ot.Normal(-3.0, 1e-2), ot.Normal(3.0, 1e-2)]), 9.0001, 36.0002e-4),
+    ],
+)
+def test_moments_under_laws_with_long_tails_or_two_modes(law, mean, variance):
+    inputs = np.linspace(-4.0, 4.0, 50)[:, None]
+    regression = MultivariatePolynomialRegression(inputs, inputs**2, law)
+    regression.setDegree(2)
+    regression.run()
+    assert regression.getResult().getMean()[0] == pytest.approx(mean, rel=1e-6)
+    assert regression.getResult().getVariance()[0] == pytest.approx(variance, rel=1e-4)
+
+
+def test_sobol_indices_take_less_than_the_fit_of_openturns():
+    law = ot.JointDistribution([ot.Uniform(-np.pi, np.pi)] * 3)
+    inputs = law.getSample(1000)
+    outputs = ot.SymbolicFunction(["a", "b", "c"], ["sin(a) + 7 * sin(b)^2 + 0.1 * c^4 * sin(a)"])(inputs)
+    families = [ot.StandardDistributionPolynomialFactory(law.getMarginal(i)) for i in range(3)]
+    product = ot.OrthogonalProductPolynomialFactory(families)
+    size = product.getEnumerateFunction().getBasisSizeFromTotalDegree(8)
+    regression = MultivariatePolynomialRegression(inputs, outputs, law)
+    regression.setDegree(8)
+    regression.run()
+
+    def indices():
+        # A new result each time: it keeps what it has found.
+        result = copy.deepcopy(regression.getResult())
+        return [result.getTotalSobolIndex(i) for i in range(3)]
+
+    assert time_ratio(indices, ot.LeastSquaresExpansion(inputs, outputs, law, product, size).run) < 1.0
+    assert indices() == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.01)
 
 
 def test_weights_and_robust_fit_resist_outliers():

@@ -11,11 +11,15 @@ from scipy.special import ndtr
 from satsep_ot.methods.polynomials.basis import PolynomialBasis, hermite_recurrence
 from satsep_ot.moved_modules import restoring
 
-# Moments are integrated over the standard normal of the same level up to this many standard deviations, by
-# Gauss-Legendre on intervals: the quantile function may be steep, as between two modes.
+# Moments are integrated by Gauss-Legendre between quantiles, whose levels are equidistant for a standard normal up to
+# this many standard deviations.
 FARTHEST_LEVEL = 9.0
 INTERVALS = 100
 INTERVAL_NODES = 20
+# Between two quantiles the density may be concentrated, as between two modes: where its integral misses the probability
+# by more than this share, the quantile function is integrated instead. Rarer intervals decide nothing.
+MASS_TOLERANCE = 1e-3
+RAREST_INTERVAL = 1e-10
 # A polynomial whose mean square is this far from 1 is not normalised under the law.
 MOMENT_TOLERANCE = 1e-2
 
@@ -97,11 +101,14 @@ class PolynomialFamilies:
             if isinstance(member, ot.HermiteFactory) or degree == 0:
                 continue
             marginal = self.law.getMarginal(variable)
-            nodes, weights = _normal_rule()
-            z = (_normal_quantiles(marginal, nodes) - self.centre[variable]) * self.slope[variable]
             univariate = PolynomialBasis(1, degree, recurrence=basis.recurrence[[variable], :degree])
+
+            def highest(x, variable=variable, univariate=univariate):
+                z = (x - self.centre[variable]) * self.slope[variable]
+                return univariate.evaluate(z[:, None])[-1]
+
             with np.errstate(all="ignore"):
-                square = univariate.evaluate(z[:, None])[degree] ** 2 @ weights
+                square = _mean_square(highest, marginal)
             if not abs(square - 1.0) < MOMENT_TOLERANCE:
                 raise ValueError(
                     f"Under the distribution {marginal} of input {variable} the polynomial of degree {degree} has the "
@@ -120,19 +127,31 @@ def _recurrence(member, degree):
     return np.array([list(member.getRecurrenceCoefficients(order)) for order in range(degree)]).reshape(degree, 3)
 
 
-@functools.cache
-def _normal_rule():
-    """Increasing nodes and weights (n,) of integrals over the standard normal law."""
+def _mean_square(function, marginal):
+    """E[f(X)^2] for a callable f, (n,) to (n,), and a univariate distribution of X."""
+    levels = np.linspace(-FARTHEST_LEVEL, FARTHEST_LEVEL, INTERVALS + 1)
+    edges = _normal_quantiles(marginal, levels)
+    kept = np.isfinite(edges)
+    levels, edges = levels[kept], edges[kept]
     nodes, weights = np.polynomial.legendre.leggauss(INTERVAL_NODES)
-    half = FARTHEST_LEVEL / INTERVALS
-    middles = half * (2.0 * np.arange(INTERVALS) + 1.0) - FARTHEST_LEVEL
-    nodes = (middles[:, None] + half * nodes).ravel()
-    return nodes, np.tile(half * weights, INTERVALS) * np.exp(-0.5 * nodes**2) / math.sqrt(2.0 * math.pi)
+    half = 0.5 * np.diff(edges)[:, None]
+    x = 0.5 * (edges[1:] + edges[:-1])[:, None] + half * nodes
+    density = np.array(marginal.computePDF(ot.Sample(x.reshape(-1, 1)))).reshape(x.shape)
+    mass = half * weights * density
+    probability = np.diff(ndtr(levels))
+    missed = np.abs(mass.sum(axis=1) - probability) > MASS_TOLERANCE * probability
+    steep = np.flatnonzero(missed & (probability > RAREST_INTERVAL))
+    if len(steep):
+        half = 0.5 * np.diff(levels)[steep, None]
+        inside = 0.5 * (levels[1:] + levels[:-1])[steep, None] + half * nodes
+        x[steep] = _normal_quantiles(marginal, inside.ravel()).reshape(inside.shape)
+        mass[steep] = half * weights * np.exp(-0.5 * inside**2) / math.sqrt(2.0 * math.pi)
+    return float(function(x.ravel()) ** 2 @ mass.ravel())
 
 
-def _normal_quantiles(marginal, nodes):
-    """Quantiles (n,) at the levels of a standard normal, each through the smaller tail."""
-    levels = ot.Point(ndtr(-np.abs(nodes)))
-    below = np.count_nonzero(nodes <= 0.0)
-    lower, upper = marginal.computeQuantile(levels[:below]), marginal.computeQuantile(levels[below:], True)
+def _normal_quantiles(marginal, levels):
+    """Quantiles (n,) at increasing levels of a standard normal, each through the smaller tail."""
+    tails = ot.Point(ndtr(-np.abs(levels)))
+    below = np.count_nonzero(levels <= 0.0)
+    lower, upper = marginal.computeQuantile(tails[:below]), marginal.computeQuantile(tails[below:], True)
     return np.concatenate([lower, upper])[:, 0]

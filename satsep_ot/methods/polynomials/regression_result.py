@@ -60,7 +60,7 @@ class MultivariatePolynomialRegressionResult:
         self._families = families
         self._descriptions = descriptions
 
-    __setstate__ = restoring(_reduction="_families", _metaModel=None, _prediction=None)
+    __setstate__ = restoring(_reduction="_families", _metaModel=None, _prediction=None, _moments=None)
 
     def __repr__(self) -> str:
         return (
@@ -279,6 +279,14 @@ class MultivariatePolynomialRegressionResult:
         spread = fit_polynomial(basis, self._families.standardise(self._points), logarithm, weights)
         return np.exp(0.5 * spread.predict(self._families.standardise(points)))
 
+    @functools.cached_property
+    def _moments(self):
+        """Squared coefficients (P, p) without the mean; a refusal where they are no moments under the distribution."""
+        self._families.checkMoments(self._fit.basis)
+        squares = self._fit.coefficients**2
+        squares[0] = 0.0
+        return squares
+
     def getMean(self) -> ot.Point:
         """Mean of the polynomial under the distribution of the inputs, :py:class:`openturns.Point` (p).
 
@@ -288,13 +296,13 @@ class MultivariatePolynomialRegressionResult:
             The distribution has no moments that high, as Student's with few degrees of freedom, or none that can be
             computed. Variance and Sobol indices raise this as well.
         """
-        self._families.checkMoments(self._fit.basis)
+        # The constant is the mean where the basis is orthonormal.
+        _ = self._moments
         return ot.Point(self._fit.coefficients[0])
 
     def getVariance(self) -> ot.Point:
         """Variance of the polynomial under the distribution of the inputs, :py:class:`openturns.Point` (p)."""
-        self._families.checkMoments(self._fit.basis)
-        return ot.Point((self._fit.coefficients[1:] ** 2).sum(axis=0))
+        return ot.Point(self._moments[1:].sum(axis=0))
 
     def getSample(self, size: int) -> ot.Sample:
         """Outputs of the polynomial at inputs drawn from their distribution, :py:class:`openturns.Sample` (size, p)."""
@@ -311,12 +319,11 @@ class MultivariatePolynomialRegressionResult:
         return ot.KernelSmoothing().build(self.getSample(size).getMarginal(output))
 
     def _share(self, selected, output):
-        self._families.checkMoments(self._fit.basis)
-        coefficients = self._fit.coefficients[:, output] ** 2
-        total = coefficients[1:].sum()
+        squares = self._moments[:, output]
+        total = squares[1:].sum()
         if not total > 0.0:
             raise ValueError(f"Output {output} of the polynomial is constant: it has no Sobol indices.")
-        return float(coefficients[selected].sum() / total)
+        return float(squares[selected].sum() / total)
 
     def getSobolIndex(self, variables: int | Sequence[int], output: int = 0) -> float:
         """Sobol index of one input (int) or the interaction index of several (sequence of int)."""

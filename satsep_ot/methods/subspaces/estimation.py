@@ -209,9 +209,9 @@ def small_side_svd(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ([3.0, 1e-09], [[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
     """
     tall = len(matrix) > matrix.shape[1]
-    # The left vectors of the transposed matrix are the right ones of a tall matrix.
-    rest, left = (matrix.T, np.eye(matrix.shape[1])) if tall else (matrix, None)
-    values, rights = [np.empty(0)], [np.empty((matrix.shape[1], 0))]
+    rest = matrix.T if tall else matrix
+    left, found = np.eye(len(rest)), np.empty((rest.shape[1], 0))
+    values, lefts = [np.empty(0)], [np.empty((len(rest), 0))]
     while len(rest) and (scale := np.abs(rest).max()) > 0.0:
         rest = rest / scale
         turn = np.linalg.eigh(rest @ rest.T)[1][:, ::-1]
@@ -220,15 +220,14 @@ def small_side_svd(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         certain = singular >= CERTAIN_SHARE * singular[0]
         number = len(rest) if certain.all() else int(certain.argmin())
         values.append(scale * singular[:number])
-        directions = (rest[:number] / singular[:number, None]).T
-        if left is None:
-            rights.append(directions)
-        else:
-            rights.append(left @ turn[:, :number])
+        found = np.hstack([found, (rest[:number] / singular[:number, None]).T])
+        if tall:
+            lefts.append(left @ turn[:, :number])
             left = left @ turn[:, number:]
         rest = scale * rest[number:]
-        rest -= (rest @ directions) @ directions.T
-    return np.concatenate(values), np.hstack(rights)
+        rest -= (rest @ found) @ found.T
+    # The left vectors of the transposed matrix are the right ones of a tall matrix.
+    return np.concatenate(values), np.hstack(lefts) if tall else found
 
 
 def bootstrap_distances(vectors: np.ndarray, replicates: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Polynomial ridge approximation by variable projection: f(u) ~ p(W^T u), W and p fitted together."""
 
+import copy
 import dataclasses
 import functools
 import math
@@ -18,6 +19,10 @@ STARTING_POINTS = 600
 SCREENING_STEPS = 4
 # Points for each unknown that are enough to tell good starts from bad ones.
 SCREENING_RATIO = 3
+# Points, and points for each unknown, beyond which further ones move the directions by less than their own error: the
+# iteration starts with as many, and cross-validation, which compares models, ends with them.
+REFINING_POINTS = 2000
+REFINING_RATIO = 50
 SMALL_BASIS = 100
 
 
@@ -117,9 +122,18 @@ class _VariableProjection:
     def __init__(self, points, values, dimension, degree, weights):
         self.basis, self.derivatives = _basis(dimension, degree)
         self.points = points
-        self.values = values
         self.scale = None if weights is None else np.sqrt(weights)
         self.target = values if weights is None else values * self.scale[:, None]
+
+    def thinned(self, size):
+        """The same problem on so many of its points, evenly through the sample; itself if it has no more."""
+        if len(self.points) <= size:
+            return self
+        kept = np.linspace(0, len(self.points) - 1, size).astype(int)
+        thinner = copy.copy(self)
+        thinner.points, thinner.target = self.points[kept], self.target[kept]
+        thinner.scale = None if self.scale is None else self.scale[kept]
+        return thinner
 
     def loss(self, directions):
         """Residual sum of squares, and what the linearisation needs."""
@@ -216,6 +230,7 @@ def fit_ridge(
     initial: np.ndarray | None = None,
     steps: int = 60,
     tolerance: float = 1e-9,
+    thorough: bool = True,
 ) -> RidgeFit:
     """Polynomial ridge approximation by variable projection (Hokanson and Constantine 2018).
 
@@ -239,6 +254,9 @@ def fit_ridge(
         Largest number of Gauss-Newton steps.
     tolerance : float
         Step length (radians) below which the iteration has converged.
+    thorough : bool
+        Whether all points take part in the search for the directions, where 2000 and 50 for each unknown would do.
+        The polynomial is fitted to all in any case.
 
     Returns
     -------
@@ -301,15 +319,14 @@ def fit_ridge(
     for _ in range(starts):
         normal = np.array(ot.DistFunc.rNormal(d * dimension)).reshape(d, dimension)
         candidates.append(linalg.qr(normal, mode="economic")[0])
-    enough = max(STARTING_POINTS, SCREENING_RATIO * (d * dimension + terms))
-    kept = np.linspace(0, n - 1, enough).astype(int) if n > enough else slice(None)
-    rough = _VariableProjection(
-        points[kept], scaled[kept], dimension, degree, None if weights is None else weights[kept]
-    )
+    unknowns = d * dimension + terms
+    rough = problem.thinned(max(STARTING_POINTS, SCREENING_RATIO * unknowns))
     screened = [rough.minimise(candidate, SCREENING_STEPS, tolerance) for candidate in candidates]
     best, _, _, iterations = min(screened, key=lambda trial: trial[1])
-    best, _, converged, more = problem.minimise(best, steps, tolerance)
-    iterations += more
+    fewer = problem.thinned(max(REFINING_POINTS, REFINING_RATIO * unknowns))
+    for some in [fewer, problem] if thorough and fewer is not problem else [fewer]:
+        best, _, converged, more = some.minimise(best, steps, tolerance)
+        iterations += more
     return _finish(best, points, values, degree, weights, varying, converged, iterations)
 
 
@@ -374,6 +391,6 @@ def cross_validate_ridge(
         kept = np.ones(len(points), dtype=bool)
         kept[block] = False
         fold_weights = None if weights is None else np.asarray(weights)[kept]
-        fit = fit_ridge(points[kept], values[kept], dimension, degree, fold_weights, starts)
+        fit = fit_ridge(points[kept], values[kept], dimension, degree, fold_weights, starts, thorough=False)
         errors[block] = values[block] - fit.predict(points[block])
     return errors
