@@ -127,14 +127,80 @@ def test_a_replicate_of_the_bootstrap_costs_no_more_than_three_estimates():
     assert time_ratio(replicates, estimates) < 3.0
 
 
-def test_equal_eigenvalues_have_no_active_subspace():
-    result = result_of(
-        ot.SymbolicFunction(["a", "b", "c", "e"], ["a^2 + b^2 + c^2 + e^2"]), ot.Normal(4), setSamplingSize=200
-    )
-    assert result.getDimension() == 0
+@pytest.mark.parametrize(
+    ("formula", "inputs", "scores"), [("a * b", 2, [1.0, 1.0]), ("a^2 + b^2 + c^2 + e^2", 4, [4.0] * 4)]
+)
+def test_where_no_gap_separates_any_direction_all_count(formula, inputs, scores):
+    names = ["a", "b", "c", "e"][:inputs]
+    result = result_of(ot.SymbolicFunction(names, [formula]), ot.Normal(inputs), setSamplingSize=2000)
     assert not result.isConstant()
-    with pytest.raises(ValueError, match="no gap separates"):
-        result.getTransformation()
+    assert not result.hasReduction()
+    assert result.getDimension() == inputs
+    choices = result.getDimensionChoices()
+    assert choices["gap"] is None
+    assert choices["crossValidation"] == inputs
+    (remark,) = result.getRemarks()
+    assert f"no reduction found: no gap separates the eigenvalues, so all {inputs} directions count" in remark
+    assert f"a polynomial predicts as well in {inputs} of them" in remark
+    # In closed form: E[(dg/da)^2] of each.
+    np.testing.assert_allclose(np.array(result.getActivityScores()), scores, rtol=0.15)
+    assert result.getActivityScoresInterval().contains(result.getActivityScores())
+    assert result.getErrorBound() == 0.0
+    assert result.getTransformation().getOutputDimension() == inputs
+    assert result.getRegressionResult().getQ2LeaveOneOut()[0] == pytest.approx(1.0)
+    for graph in (result.drawSufficientSummary(), result.drawActivityScores(), result.drawEigenvalues()):
+        assert graph.getDrawables().getSize() > 1
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e-150, 1.0, 1e150, 1e300])
+@pytest.mark.parametrize("method", ["Exact", "CentralDifference"])
+def test_directions_do_not_depend_on_the_size_of_the_output(scale, method):
+    def values(points):
+        u = np.asarray(points, dtype=float)
+        return scale * np.exp(0.3 * u @ [0.6, 0.8])[:, None]
+
+    def gradients(points):
+        return (0.3 * values(points) * [0.6, 0.8])[:, :, None]
+
+    algorithm = ActiveSubspaceAlgorithm(ot.PythonFunction(2, 1, func_sample=values), ot.Normal(2))
+    algorithm.setGradientSampleFunction(gradients)
+    algorithm.setGradientMethod(method)
+    algorithm.setSamplingSize(60)
+    algorithm.run()
+    result = algorithm.getResult()
+    assert (result.isConstant(), result.getDimension()) == (False, 1)
+    np.testing.assert_allclose(np.array(result.getDirections())[:, 0], [0.6, 0.8], atol=1e-6)
+    # E[(0.3 exp(0.3 z))^2], in units of the square of what the remark names.
+    unit = 1.0
+    if abs(math.log10(scale)) > 120.0:
+        (remark,) = (remark for remark in result.getRemarks() if "cannot be represented" in remark)
+        unit = float(remark.split()[-1])
+    eigenvalue = 0.09 * math.exp(2.0 * 0.3**2)
+    assert result.getEigenvalues()[0] * (unit / scale) ** 2 == pytest.approx(eigenvalue, rel=0.5)
+    assert 0.0 <= result.getErrorBound() < 1e-3 * scale
+    assert result.getRegressionResult().getQ2LeaveOneOut()[0] > 0.99
+    lower, upper = result.getRegressionResult().getPredictionInterval(np.zeros((1, 1)))
+    assert lower[0, 0] < scale < upper[0, 0]
+    np.testing.assert_allclose(np.array(result.getOutputSample()), values(result.getStandardSample()), rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "distribution", [ot.Normal([0.0] * 2, [1e-12] * 2), ot.JointDistribution([ot.Uniform(0.0, 1e-12)] * 2)]
+)
+@pytest.mark.parametrize("python", [False, True])
+def test_directions_do_not_depend_on_the_size_of_the_inputs(distribution, python):
+    function = ot.SymbolicFunction(["a", "b"], ["3e12 * a + 4e12 * b"])
+    if python:
+        function = ot.PythonFunction(2, 1, lambda x: [3e12 * x[0] + 4e12 * x[1]])
+    result = result_of(function, distribution)
+    assert result.getDimension() == 1
+    np.testing.assert_allclose(np.array(result.getDirections())[:, 0], [0.6, 0.8], atol=0.1)
+
+
+def test_what_varies_little_beside_its_mean_is_no_constant():
+    result = result_of(ot.SymbolicFunction(["a", "b"], ["1e6 + 1e-9 * a"]), ot.Normal(2))
+    assert (result.isConstant(), result.getDimension()) == (False, 1)
+    assert result.getEigenvalues()[0] == pytest.approx(1e-18)
 
 
 @pytest.mark.parametrize(
@@ -751,6 +817,11 @@ def test_gradients_that_are_0_where_the_values_vary_are_remarked():
     algorithm = ActiveSubspaceAlgorithm(function, ot.Normal(2))
     algorithm.setSamplingSize(30)
     algorithm.run()
+    # By itself it takes differences.
+    assert "own gradients of output(s) 1 are 0, though the values vary" in algorithm.getResult().getRemarks()[-1]
+    assert algorithm.getResult().getEigenvalues()[1] > 0.1
+    algorithm.setGradientMethod("Exact")
+    algorithm.run()
     assert "all gradients of output(s) 1 are 0, though the values vary" in algorithm.getResult().getRemarks()[-1]
     assert algorithm.getResult().getEigenvalues()[1] == 0.0
     algorithm.setGradientMethod("CentralDifference")
@@ -797,3 +868,12 @@ def test_differences_in_many_inputs_come_in_blocks_that_hold_in_the_cache():
     assert max(sizes) == 4 * 120
     assert result.getDimension() == 1
     np.testing.assert_allclose(np.array(result.getDirections()), np.full((120, 1), 120**-0.5), atol=1e-8)
+
+
+def test_a_step_is_no_constant_and_has_no_active_variable():
+    result = result_of(
+        ot.PythonFunction(1, 1, lambda x: [float(x[0] > 0.0)]), ot.Normal(1), setFiniteDifferenceStep=1e-6
+    )
+    assert not result.isConstant()
+    with pytest.raises(ValueError, match="all gradients are 0, though the values vary"):
+        result.getTransformation()

@@ -332,6 +332,6 @@ def test_the_noise_is_that_of_the_residuals_over_the_spare_points(random, weight
     values = random.standard_normal((12, 2))
     fit = fit_polynomial(PolynomialBasis(1, 3), points, values, weights)
     squares = (fit.residuals.T**2 * (1.0 if weights is None else weights)).sum(axis=1)
-    np.testing.assert_allclose(fit.noise_variance, squares / 8.0)
+    np.testing.assert_allclose(fit.noise_deviation**2, squares / 8.0)
     exact = fit_polynomial(PolynomialBasis(1, 3), points[:4], values[:4])
-    assert exact.noise_variance is None
+    assert exact.noise_deviation is None

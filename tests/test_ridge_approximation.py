@@ -8,6 +8,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.methods.polynomials.fit import fit_polynomial
+from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces import ridge_approximation, variable_projection
 from satsep_ot.methods.subspaces.estimation import orient, subspace_distance
 from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation
@@ -379,3 +380,29 @@ def test_an_output_that_is_not_there_is_not_drawn(random):
     for output in (-1, 1):
         with pytest.raises(ValueError, match=f"output must be 0 to 0, got {output}"):
             approximation.getResult().drawSufficientSummary(output)
+
+
+@pytest.mark.parametrize("scale", [1e-300, 1e300])
+def test_ridges_and_regressions_do_not_depend_on_the_size_of_the_output(random, scale):
+    inputs = random.standard_normal((100, 3))
+    outputs = np.exp(0.2 * inputs.sum(axis=1))[:, None]
+    algorithm = RidgeApproximation(inputs, scale * outputs, ot.Normal(3))
+    algorithm.run()
+    result = algorithm.getResult()
+    assert result.getDimension() == 1
+    np.testing.assert_allclose(np.array(result.getDirections())[:, 0], 3**-0.5, atol=1e-3)
+    assert result.getQ2() > 0.999
+    regression = MultivariatePolynomialRegression(inputs, scale * outputs, ot.Normal(3))
+    regression.selectDegree()
+    regression.run()
+    other = MultivariatePolynomialRegression(inputs, outputs, ot.Normal(3))
+    other.setDegree(regression.getDegree())
+    other.run()
+    assert regression.getResult().getQ2LeaveOneOut()[0] == pytest.approx(other.getResult().getQ2LeaveOneOut()[0])
+    assert regression.getResult().getTotalSobolIndex(0) == pytest.approx(other.getResult().getTotalSobolIndex(0))
+    for scaled, plain in zip(
+        regression.getResult().getPredictionInterval(inputs),
+        other.getResult().getPredictionInterval(inputs),
+        strict=True,
+    ):
+        np.testing.assert_allclose(scaled / scale, plain, rtol=1e-9)

@@ -15,6 +15,7 @@ import openturns as ot
 from scipy import linalg
 
 from satsep_ot.methods.common.single_thread import singleThread
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.basis import BLOCK_NUMBERS, PolynomialBasis
 from satsep_ot.methods.polynomials.prediction import PolynomialPrediction, predict_gradient
 from satsep_ot.moved_modules import restoring
@@ -151,14 +152,20 @@ class PolynomialFit:
         return int(points) - self.rank
 
     @property
-    def noise_variance(self) -> np.ndarray | None:
-        """Weighted residual sum of squares over the degrees of freedom, per output; None without any of them."""
+    def noise_deviation(self) -> np.ndarray | None:
+        """Standard deviation of the noise of each output; None without degrees of freedom.
+
+        Its square is the weighted residual sum of squares over them.
+        """
         if self.freedom <= 0:
             return None
-        squares = self.residuals**2
+        residuals = self.residuals.reshape(len(self.points), -1)
+        units = output_units(residuals)
+        squares = (residuals / units) ** 2
         if self.weights is not None:
-            squares = (squares.T * self.weights).T
-        return squares.sum(axis=0) / (self.freedom * self.residual_share)
+            squares *= self.weights[:, None]
+        deviation = units * np.sqrt(squares.sum(axis=0) / (self.freedom * self.residual_share))
+        return deviation.reshape(self.residuals.shape[1:])
 
     def relative_covariance(self) -> np.ndarray:
         """Covariance (size, size) of the coefficients over the noise variance."""

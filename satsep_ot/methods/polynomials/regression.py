@@ -7,6 +7,7 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.families import PolynomialFamilies
 from satsep_ot.methods.polynomials.fit import fit_polynomial, shuffled_folds
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
@@ -150,7 +151,8 @@ class MultivariatePolynomialRegression:
         if int(folds) != folds or folds < 2:
             raise ValueError(f"The number of folds is {folds}; it must be a whole number of at least 2.")
         blocks = shuffled_folds(len(self._points), folds)
-        spread = self._values.var(axis=0)
+        units = output_units(self._values)
+        spread = (self._values / units).var(axis=0)
         spread[spread == 0.0] = 1.0
         errors = {}
         families = PolynomialFamilies.of(self._law())
@@ -163,7 +165,7 @@ class MultivariatePolynomialRegression:
                 fit = self._fit(basis, standardised)
             except ValueError:
                 break
-            squared = (fit.k_fold(blocks) ** 2 / spread).mean(axis=1)
+            squared = ((fit.k_fold(blocks) / units) ** 2 / spread).mean(axis=1)
             errors[degree] = np.array([squared[block].mean() for block in blocks])
         if not errors:
             raise ValueError(f"{len(self._points)} points are too few to compare degrees: two at least are needed.")
@@ -192,7 +194,7 @@ class MultivariatePolynomialRegression:
             scale = np.median(error) / 0.6744897501960817
             if scale == 0.0:
                 return fit
-            weights = base * np.minimum(1.0, HUBER_CONSTANT * scale / np.maximum(error, 1e-300))
+            weights = base * np.minimum(1.0, HUBER_CONSTANT * scale / np.maximum(error, np.finfo(float).tiny))
             previous = fit.coefficients
             fit = dataclasses.replace(
                 fit_polynomial(basis, standardised, self._values, weights), residual_share=HUBER_SHARE

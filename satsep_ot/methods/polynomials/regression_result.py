@@ -11,6 +11,7 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.storage import readResult, writeResult
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.basis import PolynomialBasis
 from satsep_ot.methods.polynomials.families import PolynomialFamilies
 from satsep_ot.methods.polynomials.fit import PolynomialFit, fit_polynomial, shuffled_folds
@@ -176,11 +177,15 @@ class MultivariatePolynomialRegressionResult:
         ValueError
             As many terms as points leave no residual to estimate it from.
         """
-        variance = self._fit.noise_variance
-        if variance is None:
+        return ot.Point(self._noise() ** 2)
+
+    def _noise(self):
+        """Standard deviation (p,) of the noise of each output."""
+        deviation = self._fit.noise_deviation
+        if deviation is None:
             points = self._fit.rank + self._fit.freedom
             raise ValueError(f"{points} points and as many terms leave no residual to estimate noise from.")
-        return ot.Point(variance)
+        return deviation
 
     def getLeaveOneOutResiduals(self) -> ot.Sample:
         """Errors of the fits without each point, e_i / (1 - h_i), :py:class:`openturns.Sample` (N, p)."""
@@ -201,10 +206,12 @@ class MultivariatePolynomialRegressionResult:
         return ot.Sample(self._fit.k_fold([np.asarray(fold, dtype=int) for fold in folds]))
 
     def _q2(self, errors):
-        spread = ((self._values - self._values.mean(axis=0)) ** 2).sum(axis=0)
+        units = output_units(self._values)
+        values = self._values / units
+        spread = ((values - values.mean(axis=0)) ** 2).sum(axis=0)
         if not (spread > 0.0).all():
             raise ValueError("An output is constant over the sample: Q2 is not defined for it.")
-        return ot.Point(1.0 - (np.asarray(errors) ** 2).sum(axis=0) / spread)
+        return ot.Point(1.0 - ((np.asarray(errors) / units) ** 2).sum(axis=0) / spread)
 
     def getR2(self) -> ot.Point:
         """1 - residual over total sum of squares of each output, on the training sample."""
@@ -224,7 +231,7 @@ class MultivariatePolynomialRegressionResult:
 
     def getCoefficientsInterval(self, level: float = 0.95, output: int = 0) -> ot.Interval:
         """Student intervals of the coefficients of one output, :py:class:`openturns.Interval` (P)."""
-        deviation = np.sqrt(np.array(self.getCoefficientsCovariance(output)).diagonal())
+        deviation = self._noise()[output] * np.sqrt(self._fit.relative_covariance().diagonal())
         half = self._quantile(level) * deviation
         coefficients = self._fit.coefficients[:, output]
         return ot.Interval(coefficients - half, coefficients + half)
@@ -242,15 +249,18 @@ class MultivariatePolynomialRegressionResult:
         noise : bool
             True: of a new observation, sigma^2 (1 + q^T q); False: of the fitted mean, sigma^2 q^T q.
         """
+        return self._predictionDeviation(points, noise) ** 2
+
+    def _predictionDeviation(self, points, noise):
         relative = self._fit.relative_variance(self._families.standardise(points))
-        return (relative + (1.0 if noise else 0.0))[:, None] * np.array(self.getNoiseVariance())
+        return np.sqrt(relative + (1.0 if noise else 0.0))[:, None] * self._noise()
 
     def getPredictionInterval(
         self, points: np.ndarray, level: float = 0.95, noise: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """Student intervals of predictions at points (n, d): lower and upper ndarray, each (n, p)."""
         quantile = self._quantile(level)
-        half = quantile * np.sqrt(self.getPredictionVariance(points, noise))
+        half = quantile * self._predictionDeviation(points, noise)
         mean = self.evaluate(points)
         return mean - half, mean + half
 
@@ -281,11 +291,15 @@ class MultivariatePolynomialRegressionResult:
 
     @functools.cached_property
     def _moments(self):
-        """Squared coefficients (P, p) without the mean; a refusal where they are no moments under the distribution."""
+        """Squares (P, p) of the coefficients without the mean, in units (p,) of their own squared, and these units.
+
+        A refusal where they are no moments under the distribution.
+        """
         self._families.checkMoments(self._fit.basis)
-        squares = self._fit.coefficients**2
+        units = output_units(self._fit.coefficients)
+        squares = (self._fit.coefficients / units) ** 2
         squares[0] = 0.0
-        return squares
+        return squares, units
 
     def getMean(self) -> ot.Point:
         """Mean of the polynomial under the distribution of the inputs, :py:class:`openturns.Point` (p).
@@ -302,7 +316,8 @@ class MultivariatePolynomialRegressionResult:
 
     def getVariance(self) -> ot.Point:
         """Variance of the polynomial under the distribution of the inputs, :py:class:`openturns.Point` (p)."""
-        return ot.Point(self._moments[1:].sum(axis=0))
+        squares, units = self._moments
+        return ot.Point(squares[1:].sum(axis=0) * units**2)
 
     def getSample(self, size: int) -> ot.Sample:
         """Outputs of the polynomial at inputs drawn from their distribution, :py:class:`openturns.Sample` (size, p)."""
@@ -319,7 +334,7 @@ class MultivariatePolynomialRegressionResult:
         return ot.KernelSmoothing().build(self.getSample(size).getMarginal(output))
 
     def _share(self, selected, output):
-        squares = self._moments[:, output]
+        squares = self._moments[0][:, output]
         total = squares[1:].sum()
         if not total > 0.0:
             raise ValueError(f"Output {output} of the polynomial is constant: it has no Sobol indices.")

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
-from satsep_ot.methods.subspaces.analysis import analyse_gradients
+from satsep_ot.methods.subspaces.analysis import analyse_gradients, flat_outputs
 from satsep_ot.methods.subspaces.gradients import GradientSample, StandardModel
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.openturns_adapter import hasGradient
@@ -37,7 +37,7 @@ class ActiveSubspaceAlgorithm:
     Where OpenTURNS would take differences with its fixed absolute step, differences in the standard space are
     taken here, with a step from the estimated noise of the function.
 
-    The default dimension comes from the separated log-gap
+    The default dimension, all inputs where no gap separates any direction, comes from the separated log-gap
     (:func:`~satsep_ot.methods.subspaces.dimension.gap_dimension`); the ladle, the share of
     energy and nested cross-validation of the surrogate are reported where they disagree.
 
@@ -131,7 +131,8 @@ class ActiveSubspaceAlgorithm:
     def setGradientMethod(self, method: str) -> None:
         """How gradients are obtained: "Automatic", "Exact", "CentralDifference" or "ForwardDifference".
 
-        "Automatic" takes the function's own gradient unless OpenTURNS would take differences for it.
+        "Automatic" takes the function's own gradient unless OpenTURNS would take differences for it, or all gradients
+        of an output that varies are 0.
         """
         if method not in GRADIENT_METHODS:
             raise ValueError(f"The gradient method must be one of {', '.join(GRADIENT_METHODS)}, got {method!r}.")
@@ -236,6 +237,7 @@ class ActiveSubspaceAlgorithm:
         differences, central = self._usesDifferences(), self._gradientMethod != "ForwardDifference"
         step = noise = None
         gradientNoise = 0.0
+        replaced = np.array(False)
         sample = None
         wanted = self._samplingSize
         while True:
@@ -243,19 +245,29 @@ class ActiveSubspaceAlgorithm:
             values = model.evaluate(points)
             if not differences:
                 gradients = model.exactGradients(points)
-            else:
+                # OpenTURNS drops constants of about 1e-11 from the derivatives of a formula, for one.
+                replaced = flat_outputs(values, gradients) if self._gradientMethod == "Automatic" else np.array(False)
+                differences = bool(replaced.any())
+            if differences:
                 if step is None and self._step is None:
                     step, noise = model.differenceStep(points[0], values, central)
                     # Differences turn noise of the values into noise of each component of the gradient.
                     gradientNoise = noise / step * (math.sqrt(0.5) if central else math.sqrt(2.0))
                 elif step is None:
                     step = self._step
+                    # What rounding of the values makes of each component.
+                    gradientNoise = np.finfo(float).eps * np.abs(values).max(axis=0) / step
                 gradients = model.differences(points, values, step, central)
             fresh = GradientSample.of(points, values, gradients)
             sample = fresh if sample is None else sample.joined(fresh)
             if self._weightFunction is not None:
                 sample = dataclasses.replace(sample, weights=self._weights(sample.values))
             analysis = analyse_gradients(sample, self._bootstrapSize, self._dimension, gradientNoise)
+            if replaced.any():
+                analysis.remarks.append(
+                    f"differences are taken: the function's own gradients of output(s) "
+                    f"{', '.join(map(str, np.flatnonzero(replaced)))} are 0, though the values vary."
+                )
             target = self._targetSubspaceError
             if target is None or analysis.upper_distance <= target:
                 break

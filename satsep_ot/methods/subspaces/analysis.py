@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from satsep_ot.methods.common.single_thread import singleThread
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.subspaces.dimension import (
     LARGEST_DIMENSION,
     cross_validated_dimension,
@@ -22,6 +23,9 @@ from satsep_ot.methods.subspaces.estimation import (
 )
 from satsep_ot.methods.subspaces.gradients import GradientSample
 
+# Where no gap says how many directions matter, surrogates of 1 to this many variables are compared.
+LARGEST_COMPARED = 5
+
 
 @dataclasses.dataclass(eq=False)
 class SubspaceAnalysis:
@@ -33,6 +37,7 @@ class SubspaceAnalysis:
         In the standard space.
     values : ndarray (M, p)
     gradients : ndarray (M, d, p)
+        Both, and what follows from them, in ``units``.
     weights : ndarray (M,) or None
     variances, scales : ndarray (p,)
         Variance of each output, and the divisor of its part of the matrix.
@@ -58,6 +63,8 @@ class SubspaceAnalysis:
         Of the differences, where there were any.
     noise : ndarray (p,) or None
         Of the outputs, where it was estimated.
+    units : ndarray (p,) or None
+        Of the outputs: powers of two; None for 1.
     """
 
     points: np.ndarray
@@ -81,11 +88,17 @@ class SubspaceAnalysis:
     gradientCalls: int = 0
     step: float | None = None
     noise: np.ndarray | None = None
+    units: np.ndarray | None = None
+
+    @property
+    def reduced(self) -> bool:
+        """Whether fewer directions than inputs were found or asked for."""
+        return self.dimension < len(self.eigenvalues)
 
     @property
     def upper_distance(self) -> float:
         """Upper 95 % band of the distance between the active subspace and its replicates."""
-        if self.dimension == 0:
+        if self.dimension == 0 or self.choices["gap"] is None:
             return 1.0
         return float(quantile_bands(self.distances, 0.95)[1][self.dimension - 1])
 
@@ -106,7 +119,7 @@ def analyse_gradients(
     dimension : int, optional
         The one to take; by default it is chosen.
     gradient_noise : float or ndarray (p,)
-        Standard deviation of the noise in each component of a gradient.
+        Standard deviation of the noise in each component of a gradient; 0 where it is exact.
 
     Raises
     ------
@@ -124,9 +137,10 @@ def analyse_gradients(
     >>> analysis.dimension, analysis.vectors[:, 0].tolist()
     (1, [1.0, 0.0])
     """
-    points, values, weights = sample.points, sample.values, sample.weights
+    units = output_units(sample.values, sample.gradients)
+    points, values, weights = sample.points, sample.values / units, sample.weights
     # In the order in which a file keeps them, so that sums over them are the same to the last bit.
-    gradients = np.ascontiguousarray(sample.gradients)
+    gradients = np.ascontiguousarray(sample.gradients / units)
     count, d, p = gradients.shape
     variances = np.cov(values.T, ddof=1).reshape(p, -1).diagonal() if count > 1 else np.zeros(p)
     # An output that does not vary has no gradient either: any scale leaves it out.
@@ -137,9 +151,9 @@ def analyse_gradients(
     counts, eigenvalueReplicates, vectorReplicates = bootstrap_subspace(
         gradients, bootstrap_size, max(largest, dimension or 0), scales, weights
     )
-    # What rounding of the outputs, and the largest eigenvalue of pure noise in the gradients, can look like.
-    rounding = 1e-14 * np.abs(values).max(axis=0) / np.sqrt(scales)
-    edge = 2.0 * (1.0 + math.sqrt(d / count)) * gradient_noise / np.sqrt(scales)
+    # A change that the outputs cannot show, and the largest eigenvalue of pure noise in the gradients.
+    rounding = np.finfo(float).eps * np.abs(values).max(axis=0) / np.sqrt(scales)
+    edge = 2.0 * (1.0 + math.sqrt(d / count)) * gradient_noise / units / np.sqrt(scales)
     analysis = SubspaceAnalysis(
         points=points,
         values=values,
@@ -157,18 +171,21 @@ def analyse_gradients(
         constant=not eigenvalues[0] > max((rounding**2).max(), (edge**2).sum()),
         choices={},
         dimension=0,
-        remarks=_remarks(values, gradients),
+        remarks=_remarks(values, gradients, units),
+        units=None if np.all(units == 1.0) else units,
     )
     analysis.choices = _choices(analysis, largest)
-    if not analysis.choices["agree"]:
-        analysis.remarks.append(_disagreement(analysis.choices))
     if dimension is not None and analysis.constant:
         raise ValueError(f"Dimension {dimension} was asked for, but the function is constant: all gradients are 0.")
     analysis.dimension = analysis.choices["chosen"] if dimension is None else dimension
+    if analysis.choices["gap"] is None:
+        analysis.remarks.append(_noReduction(analysis))
+    elif not analysis.choices["agree"]:
+        analysis.remarks.append(_disagreement(analysis.choices))
     return analysis
 
 
-def _remarks(values, gradients):
+def _remarks(values, gradients, units):
     """What a reader should know of the gradients."""
     count, d, p = gradients.shape
     remarks = []
@@ -177,14 +194,23 @@ def _remarks(values, gradients):
             f"{count} gradients of {p} output(s) resolve {count * p} of {d} eigenvalues: the others are "
             "reported as 0 and the error bound does not see them."
         )
-    flat = (gradients == 0.0).all(axis=(0, 1)) & (np.ptp(values, axis=0) > 1e-9 * np.abs(values).max(axis=0))
+    if p == 1 and units[0] != 1.0:
+        remarks.append(
+            "the squares of outputs of this size cannot be represented: eigenvalues, scores and derivative-based "
+            f"indices are in units of the square of {units[0]:.6g}"
+        )
+    flat = flat_outputs(values, gradients)
     if flat.any():
-        # OpenTURNS drops constants of about 1e-11 from the derivatives of a formula, for one.
         remarks.append(
             f"all gradients of output(s) {', '.join(map(str, np.flatnonzero(flat)))} are 0, though the values "
-            "vary: they are wrong; take differences (setGradientMethod) or another unit."
+            "vary: they are wrong, or these outputs are steps; take differences (setGradientMethod) or another unit."
         )
     return remarks
+
+
+def flat_outputs(values: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """Whether the values (M, p) of each output vary, but all of its gradients (M, d, p) are 0: ndarray of bool (p,)."""
+    return (gradients == 0.0).all(axis=(0, 1)) & (np.ptp(values, axis=0) > 1e-9 * np.abs(values).max(axis=0))
 
 
 def _choices(analysis, largest):
@@ -192,15 +218,18 @@ def _choices(analysis, largest):
     names = ("gap", "ladle", "energy")
     if analysis.constant:
         return dict.fromkeys((*names, "chosen"), 0) | {"agree": True}
-    gap = gap_dimension(analysis.gradients, analysis.scales, analysis.weights, largest)
-    ladle = ladle_dimension(analysis.eigenvalues, analysis.vectors, analysis.vectorReplicates[:, :, :largest])
+    # 0 of these criteria means that no direction stands out.
+    gap = gap_dimension(analysis.gradients, analysis.scales, analysis.weights, largest) or None
+    ladle = ladle_dimension(analysis.eigenvalues, analysis.vectors, analysis.vectorReplicates[:, :, :largest]) or None
     choices: dict[str, Any] = dict(zip(names, (gap, ladle, energy_dimension(analysis.eigenvalues)), strict=True))
-    choices["chosen"] = gap
+    choices["chosen"] = gap or len(analysis.eigenvalues)
     choices["agree"] = len({gap, ladle, choices["energy"]}) == 1
     if choices["agree"]:
         return choices
     # A surrogate needs points: three for each coefficient of its linear part.
-    candidates = [r for r in {gap, ladle, choices["energy"]} if r <= largest]
+    candidates = [r for r in {gap, ladle, choices["energy"]} - {None} if r <= largest]
+    if gap is None:
+        candidates = list(range(1, min(largest, LARGEST_COMPARED) + 1))
     candidates = [r for r in candidates if len(analysis.points) >= 3 * (r + 2)]
     if len(candidates) > 1:
         scales = np.where(analysis.variances > 0.0, analysis.variances, 1.0)
@@ -210,9 +239,20 @@ def _choices(analysis, largest):
     return choices
 
 
+def _noReduction(analysis):
+    choices, d = analysis.choices, len(analysis.eigenvalues)
+    best = choices.get("crossValidation")
+    return (
+        f"no reduction found: no gap separates the eigenvalues, so all {d} directions count"
+        + ("" if best is None else f"; a polynomial predicts as well in {best} of them, by cross-validation")
+        + ("" if analysis.dimension == d else f"; the dimension {analysis.dimension} was asked for")
+    )
+
+
 def _disagreement(choices):
     return (
-        f"The criteria for the dimension disagree: separated log-gap {choices['gap']}, ladle {choices['ladle']}, "
+        f"The criteria for the dimension disagree: separated log-gap {choices['gap']}, "
+        f"ladle {'none' if choices['ladle'] is None else choices['ladle']}, "
         f"99 % of the energy {choices['energy']}"
         + (f", cross-validation {choices['crossValidation']}" if "crossValidation" in choices else "")
         + f"; the log-gap's {choices['gap']} is taken."

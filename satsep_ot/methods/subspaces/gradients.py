@@ -9,6 +9,7 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.standard_space import StandardSpace
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.subspaces.noise import estimate_noise
 from satsep_ot.openturns_adapter import callFunction
 
@@ -175,13 +176,14 @@ class StandardModel:
         """
         direction = self._space.generateSample(1)[0]
         direction /= np.linalg.norm(direction)
-        noise, _ = estimate_noise(self.evaluate, point, direction)
-        spread = values.std(axis=0)
+        units = output_units(values)
+        noise, _ = estimate_noise(lambda line: self.evaluate(line) / units, point, direction)
+        spread = (values / units).std(axis=0)
         # An output that does not vary would make any noise infinite beside its spread.
         relative = float(np.max(np.where(spread > noise, noise / np.where(spread > 0.0, spread, 1.0), 0.0)))
         relative = max(relative, np.finfo(float).eps)
         step = (3.0 * relative) ** (1.0 / 3.0) if central else 1.68 * math.sqrt(relative)
-        return min(step, 0.5), noise
+        return min(step, 0.5), noise * units
 
     def differences(self, points: np.ndarray, values: np.ndarray, step: float, central: bool) -> np.ndarray:
         """Gradients (n, d, p) by differences at points (n, d) with values (n, p)."""

@@ -79,10 +79,10 @@ def drawSufficientSummary(
     line.setLegend(f"degree {basis.degree}")
     line.setColor("black")
     graph.add(line)
-    variance = fit.noise_variance
-    if variance is not None:
+    deviation = fit.noise_deviation
+    if deviation is not None:
         quantile = ot.Student(float(len(values) - fit.rank)).computeQuantile(0.5 + 0.5 * level)[0]
-        half = quantile * np.sqrt(variance * (1.0 + fit.relative_variance(grid)))
+        half = quantile * deviation * np.sqrt(1.0 + fit.relative_variance(grid))
         for bound, legend in ((curve - half, f"{100 * level:g} % band"), (curve + half, "")):
             edge = ot.Curve(grid[:, 0], bound)
             edge.setLineStyle("dashed")

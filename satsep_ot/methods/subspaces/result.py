@@ -15,7 +15,7 @@ from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
-from satsep_ot.methods.subspaces.analysis import SubspaceAnalysis
+from satsep_ot.methods.subspaces.analysis import SubspaceAnalysis, flat_outputs
 from satsep_ot.methods.subspaces.estimation import quantile_bands, reflected_bands, subspace_distance
 from satsep_ot.methods.subspaces.graphs import addBand, drawScores, drawSufficientSummary
 from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation, surrogate_degree
@@ -67,7 +67,7 @@ class ActiveSubspaceResult:
     def __setstate__(self, state):
         if "_analysis" not in state:
             # A pickle of version 0.1.0 has the fields of the analysis beside the space.
-            names = [field.name for field in dataclasses.fields(SubspaceAnalysis)]
+            names = [field.name for field in dataclasses.fields(SubspaceAnalysis) if f"_{field.name}" in state]
             analysis = SubspaceAnalysis(**{name: state[f"_{name}"] for name in names})
             state = {"_space": state["_space"], "_analysis": analysis, "_regression": None}
         vars(self).update(state)
@@ -79,7 +79,10 @@ class ActiveSubspaceResult:
         )
 
     def getEigenvalues(self) -> ot.Point:
-        """All d eigenvalues, decreasing (in units of the output squared; without unit for several outputs)."""
+        """All d eigenvalues, decreasing, in units of the output squared; without unit for several outputs.
+
+        Where an output is so small or large that its square cannot be represented, a remark names the unit.
+        """
         return ot.Point(self._analysis.eigenvalues)
 
     def getEigenvaluesInterval(self, level: float = 0.95) -> ot.Interval:
@@ -108,13 +111,21 @@ class ActiveSubspaceResult:
         return ot.Interval(*quantile_bands(self._analysis.distances, level))
 
     def getDimension(self) -> int:
-        """Active dimension; 0 for a constant function and where no gap separates any direction."""
+        """Active dimension: all inputs where no gap separates any direction, and 0 for a constant function.
+
+        :meth:`hasReduction` tells whether it is less than the number of inputs.
+        """
         return self._analysis.dimension
+
+    def hasReduction(self) -> bool:
+        """Whether there are fewer active directions than inputs."""
+        return self._analysis.reduced
 
     def getDimensionChoices(self) -> dict[str, Any]:
         """What each criterion says: a dict with "gap", "ladle", "energy", "chosen" and "agree".
 
-        Where they disagree and the points suffice, "crossValidation" tells which of them predicts best.
+        A criterion by which no direction stands out says None. Where they disagree and the points suffice,
+        "crossValidation" tells which of them predicts best; without any gap, which dimension up to 5 does.
         """
         return dict(self._analysis.choices)
 
@@ -123,8 +134,9 @@ class ActiveSubspaceResult:
         return list(self._analysis.remarks)
 
     def isConstant(self) -> bool:
-        """Whether the gradients are 0 up to rounding and up to the noise of the differences."""
-        return self._analysis.constant
+        """Whether the gradients are 0 up to rounding and up to the noise of the differences, and the values agree."""
+        analysis = self._analysis
+        return analysis.constant and not flat_outputs(analysis.values, analysis.gradients).any()
 
     def getRepeatedGroups(self, level: float = 0.95) -> list[list[int]]:
         """Runs of eigenvalues whose bands overlap: within a run the single vectors mean nothing, their span does.
@@ -158,8 +170,8 @@ class ActiveSubspaceResult:
 
     def _needDirections(self):
         if self._analysis.dimension == 0:
-            reason = "the function is constant" if self._analysis.constant else "no gap separates any direction"
-            raise ValueError(f"There is no active variable: {reason}; setDimension() of the algorithm forces one.")
+            reason = "the function is constant" if self.isConstant() else "all gradients are 0, though the values vary"
+            raise ValueError(f"There is no active variable: {reason}.")
 
     def getTransformation(self) -> ot.Function:
         """Physical inputs to active variables, y = W1^T T(x), a native :py:class:`openturns.Function`."""
@@ -181,11 +193,17 @@ class ActiveSubspaceResult:
 
     def getOutputSample(self) -> ot.Sample:
         """Outputs at the points, :py:class:`openturns.Sample` (M, p)."""
-        return ot.Sample(self._analysis.values)
+        return ot.Sample(self._values())
+
+    def _values(self):
+        return self._analysis.values * self._unit()
+
+    def _unit(self):
+        return 1.0 if self._analysis.units is None else self._analysis.units
 
     def getGradientSample(self) -> np.ndarray:
         """Gradients in the standard space, ndarray (M, d, p)."""
-        return self._analysis.gradients.copy()
+        return self._analysis.gradients * self._unit()
 
     def getWeights(self) -> ot.Point:
         """Weights of the points, which sum to 1."""
@@ -216,7 +234,8 @@ class ActiveSubspaceResult:
         Parameters
         ----------
         dimension : int, optional
-            n; by default the active dimension. With n = d they are the derivative-based measures.
+            n; by default the active dimension, d where there is no reduction. With n = d they are the
+            derivative-based measures.
 
         Notes
         -----
@@ -224,12 +243,14 @@ class ActiveSubspaceResult:
         given those before it (Rosenblatt), so the scores depend on the order of the inputs.
         """
         n = self._scoreDimension(dimension, len(self._analysis.eigenvalues))
+        if n == len(self._analysis.eigenvalues):
+            return self.getDerivativeBasedIndices()
         return ot.Point((self._analysis.vectors[:, :n] ** 2) @ self._analysis.eigenvalues[:n])
 
     def getActivityScoresInterval(self, level: float = 0.95, dimension: int | None = None) -> ot.Interval:
         """Bootstrap interval of the activity scores."""
         _checkLevel(level)
-        if dimension == len(self._analysis.eigenvalues):
+        if (self._analysis.dimension if dimension is None else dimension) == len(self._analysis.eigenvalues):
             return self.getDerivativeBasedIndicesInterval(level)
         n = self._scoreDimension(dimension, self._analysis.vectorReplicates.shape[2])
         replicates = np.einsum(
@@ -278,14 +299,19 @@ class ActiveSubspaceResult:
         It follows from the Poincare inequality of the standard normal law, whose constant is 1
         (Constantine, Dow and Wang, SIAM J. Sci. Comput. 36, 2014).
         """
-        return float(np.sqrt(self._analysis.eigenvalues[self._analysis.dimension :].sum()))
+        return float(np.sqrt(self._analysis.eigenvalues[self._analysis.dimension :].sum()) * self._boundUnit())
+
+    def _boundUnit(self):
+        # The eigenvalues of several outputs have no unit.
+        return 1.0 if self._analysis.units is None or len(self._analysis.units) > 1 else self._analysis.units[0]
 
     def getErrorBoundInterval(self, level: float = 0.95) -> ot.Interval:
         """Bootstrap interval (1-dimensional) of the error bound."""
         _checkLevel(level)
+        unit = self._boundUnit()
         replicates = np.sqrt(self._analysis.eigenvalueReplicates[:, self._analysis.dimension :].sum(axis=1))
-        lower, upper = reflected_bands(np.array([self.getErrorBound()]), replicates[:, None], level)
-        return ot.Interval(lower, upper)
+        lower, upper = reflected_bands(np.array([self.getErrorBound() / unit]), replicates[:, None], level)
+        return ot.Interval(lower * unit, upper * unit)
 
     def getEvaluationNumber(self) -> int:
         """Evaluations of the function, including finite differences and the estimate of the noise."""
@@ -326,9 +352,7 @@ class ActiveSubspaceResult:
         self._needDirections()
         if self._regression is None:
             dimension = self._analysis.dimension
-            regression = MultivariatePolynomialRegression(
-                self.getActiveSample(), self._analysis.values, ot.Normal(dimension)
-            )
+            regression = MultivariatePolynomialRegression(self.getActiveSample(), self._values(), ot.Normal(dimension))
             regression.setDegree(surrogate_degree(len(self._analysis.points), dimension))
             regression.setWeights(self._analysis.weights)
             regression.run()
@@ -388,7 +412,7 @@ class ActiveSubspaceResult:
             raise ValueError(f"The output must be 0 to {self._analysis.values.shape[1] - 1}, got {output}.")
         active = self._analysis.points @ self._active()
         return drawSufficientSummary(
-            active, self._analysis.values[:, output], self._analysis.weights, f"output {output}", level
+            active, self._values()[:, output], self._analysis.weights, f"output {output}", level
         )
 
     def compareDirections(self, directions: ArrayLike) -> float:
@@ -425,5 +449,5 @@ class ActiveSubspaceResult:
         """
         fields = readResult(path, _FORMAT, objects={"distribution": ot.Distribution()})
         space = StandardSpace(fields["distribution"])
-        names = [field.name for field in dataclasses.fields(SubspaceAnalysis)]
+        names = [field.name for field in dataclasses.fields(SubspaceAnalysis) if field.name in fields]
         return ActiveSubspaceResult(space, SubspaceAnalysis(**{name: fields[name] for name in names}))

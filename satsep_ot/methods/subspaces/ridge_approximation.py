@@ -11,6 +11,7 @@ from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.fit import PolynomialFit, shuffled_folds
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
@@ -156,7 +157,7 @@ class RidgeApproximation:
         """Mean squared errors of each block, in units of the variances, by (dimension, degree)."""
         weight = np.ones(len(self._points)) if self._weights is None else self._weights
         used = weight > 0.0
-        points, values, weight = self._points[used], self._values[used], weight[used]
+        points, values, weight = self._points[used], self._values[used] / output_units(self._values), weight[used]
         blocks = shuffled_folds(len(points), self._folds)
         smallest = len(points) - max(len(block) for block in blocks)
         dimensions = range(self._largestDimension + 1) if self._dimension is None else [self._dimension]

@@ -9,6 +9,7 @@ import numpy as np
 import openturns as ot
 from scipy import linalg
 
+from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.basis import PolynomialBasis
 from satsep_ot.methods.polynomials.fit import PolynomialFit, fit_polynomial, shuffled_folds
 from satsep_ot.methods.subspaces.estimation import orient
@@ -296,7 +297,7 @@ def fit_ridge(
     terms = math.comb(dimension + degree, degree)
     if used < terms:
         raise ValueError(f"A ridge of {terms} polynomial terms needs at least {terms} points, got {used}.")
-    columns = values.reshape(n, -1)
+    columns = _columns(values)
     centred = columns - np.average(columns, axis=0, weights=weights)
     variance = np.average(centred**2, axis=0, weights=weights)
     magnitude = np.abs(columns).max(axis=0)
@@ -338,14 +339,22 @@ def _finish(directions, points, values, degree, weights, varying, converged, ite
     weight = np.ones(len(points)) if weights is None else weights
     if dimension:
         slopes = polynomial.predict_gradient(points @ directions).reshape(len(points), dimension, -1)
+        slopes /= output_units(values.reshape(len(points), -1))
         covariance = np.einsum("nip,njp,n->ij", slopes, slopes, weight)
         directions = orient(directions @ linalg.eigh(covariance)[1][:, ::-1])
         polynomial = fit_polynomial(basis, points @ directions, values, weights, allow_deficient=True)
-    residual = (polynomial.residuals.reshape(len(points), -1) ** 2 * weight[:, None]).sum(axis=0)
-    columns = values.reshape(len(points), -1)
+    residuals = _columns(polynomial.residuals, output_units(values.reshape(len(points), -1)))
+    residual = (residuals**2 * weight[:, None]).sum(axis=0)
+    columns = _columns(values)
     spread = ((columns - np.average(columns, axis=0, weights=weights)) ** 2 * weight[:, None]).sum(axis=0)
     loss = float(np.mean(residual[varying] / spread[varying])) if varying.any() else 0.0
     return RidgeFit(directions, polynomial, loss, converged, iterations)
+
+
+def _columns(values, units=None):
+    """Values (n,) or (n, p) as columns (n, p) in units of their own, or those given, in which they can be squared."""
+    columns = values.reshape(len(values), -1)
+    return columns / (output_units(columns) if units is None else units)
 
 
 def cross_validate_ridge(
