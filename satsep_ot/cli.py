@@ -7,11 +7,13 @@ import sys
 from satsep_ot import __version__
 from satsep_ot.commands import benchmark, check, new, report, simulate, study
 from satsep_ot.commands.printing import fail
+from satsep_ot.commands.streams import open_standard_streams
 from satsep_ot.interruption import INTERRUPTED, supervise
 
 COMMANDS = (new, check, simulate, study, benchmark, report)
 _EXIT_CODES = (
-    "exit codes: 0 success, 1 a separation could not be simulated, 2 bad input,\n"
+    "exit codes: 0 success, 1 a separation could not be simulated,\n"
+    "  2 bad input, or a file that cannot be read or written,\n"
     "  3 a requirement is not met (study with --fail-unless-met), 130 interrupted"
 )
 
@@ -27,8 +29,8 @@ def main(arguments: list[str] | None = None) -> int:
     Returns
     -------
     code : int
-        0 success, 1 a separation could not be simulated, 2 bad input, 3 a requirement is not met where that was asked
-        for, 130 interrupted.
+        0 success, 1 a separation could not be simulated, 2 bad input, or a file that cannot be read or written, 3 a
+        requirement is not met where that was asked for, 130 interrupted.
 
     Examples
     --------
@@ -36,19 +38,20 @@ def main(arguments: list[str] | None = None) -> int:
     >>> main(["new", "."])
     2
     """
+    if arguments is None:
+        open_standard_streams()
     options = make_parser().parse_args(arguments)
     options.typed = shlex.join(["satsep-ot", *(sys.argv[1:] if arguments is None else arguments)])
     if arguments is None:
         # This process is ours.
         supervise(lambda: options.command.left_behind(options))
     try:
-        return options.command.run(options) or 0
+        code = options.command.run(options) or 0
+        # What a full disk does not take is told here, not after the end.
+        sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         return fail(f"interrupted; {options.command.left_behind(options)}", INTERRUPTED)
-    except BrokenPipeError:
-        # The reader of our output (head, less) has left: nothing remains to be said.
-        sys.stderr.close()
-        return 0
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return fail(f"{where}{error.strerror or error}", 2)

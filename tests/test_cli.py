@@ -557,25 +557,6 @@ def test_a_defect_keeps_its_traceback(monkeypatch):
         cli.main(["simulate"])
 
 
-def test_a_reader_that_has_left_is_told_nothing(monkeypatch):
-    def fail(options):
-        raise BrokenPipeError
-
-    class Terminal(io.StringIO):
-        text = ""
-
-        def close(self):
-            self.text = self.getvalue()
-            super().close()
-
-    stream = Terminal()
-    monkeypatch.setattr(simulate, "run", fail)
-    monkeypatch.setattr(sys, "stderr", stream)
-    assert cli.main(["simulate"]) == 0
-    assert stream.closed
-    assert stream.text == ""
-
-
 def test_a_terminal_shows_a_bar_and_nothing_of_it_stays(monkeypatch):
     class Terminal(io.StringIO):
         def isatty(self):

@@ -123,3 +123,21 @@ def test_the_process_that_found_nothing_compiled_computes_the_same_bits_as_those
     assert first.count(" 0 ") == 2 * sum(1 for _ in kinds_of_separations())
     assert first.endswith("[1, 1, 1]\n")
     assert output(ALL_BITS, tmp_path) == first
+
+
+def test_without_compilation_the_kernels_are_plain_python_with_the_same_physics():
+    program = (
+        "from satsep_ot.dynamics.simulation import simulate_with_gradients\n"
+        "from satsep_ot.model.case import load_case\n"
+        "outcome = simulate_with_gradients(load_case('cubesat').separation)\n"
+        "print([outcome.quantity('axial_velocity')[0], *outcome.quantity_gradient('axial_velocity')[0].tolist()])\n"
+    )
+    printed = []
+    for setting in ("0", "1"):
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": setting}
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True, timeout=120
+        )
+        assert done.stderr == ""
+        printed.append(np.array(eval(done.stdout)))
+    assert np.abs(printed[1] - printed[0]).max() < 1e-9 * np.abs(printed[0]).max()

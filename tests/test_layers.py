@@ -79,8 +79,8 @@ STANDARD_LIBRARY = {
     "abc", "argparse", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses",
     "datetime", "difflib", "enum", "faulthandler", "fcntl", "functools", "gc", "hashlib", "importlib", "io",
     "itertools", "json", "math", "multiprocessing", "os", "pathlib", "pickle", "platform", "re", "signal",
-    "subprocess", "sys", "tempfile", "threading", "time", "tomllib", "traceback", "types", "typing", "warnings",
-    "weakref", "xml", "zipfile", "zlib",
+    "subprocess", "sys", "tempfile", "threading", "time", "tomllib", "traceback", "types", "typing", "unicodedata",
+    "warnings", "weakref", "xml", "zipfile", "zlib",
 }  # fmt: skip
 
 

@@ -5,7 +5,6 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
 from satsep_ot.dynamics.quantities import quantity_table
@@ -27,7 +26,7 @@ from satsep_ot.model.parameters import (
     parameter_rows,
 )
 from satsep_ot.model.run_document import spring_names
-from satsep_ot.studies.telling.tables import make_table, narrow
+from satsep_ot.studies.telling.tables import escape, make_table, narrow
 
 # A smaller number is a rounding error to people, who read 0; JSON has all digits.
 _ROUNDING_ERROR = 1e-9

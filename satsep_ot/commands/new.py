@@ -25,7 +25,10 @@ def run(options: argparse.Namespace) -> int | None:
     from satsep_ot.model.case import new_case_text, shipped_cases
     from satsep_ot.model.schema import case_schema_text
     from satsep_ot.model.spelling import did_you_mean
+    from satsep_ot.model.values import Name
 
+    if not Name().accepts(options.file.stem):
+        return fail(f"{options.file}: the file and its case cannot have this name; give {Name().allowed()}", 2)
     known = shipped_cases()
     if options.like not in known:
         hint = did_you_mean(options.like, known)

@@ -6,12 +6,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from satsep_ot.model.printable import printable
+
 COMPILING = "compiling the simulator, which the first run of all does once ..."
 
 
 def fail(message: object, code: int) -> int:
     """Print one line on stderr, and give the exit code back."""
-    print(f"satsep-ot: {message}", file=sys.stderr)
+    print(f"satsep-ot: {printable(str(message))}", file=sys.stderr)
     return code
 
 
@@ -25,7 +27,7 @@ def console() -> Any:
     from rich.console import Console
 
     # Off a terminal (a file, a pipe) nothing is to be folded at an arbitrary 80 columns.
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 160)
+    return Console(highlight=False, emoji=False, width=None if sys.stdout.isatty() else 160)
 
 
 @contextmanager
@@ -65,7 +67,7 @@ def progress() -> Iterator[Callable[[str, float], None]]:
 
     columns = (
         BarColumn(), TaskProgressColumn(), TimeElapsedColumn(), TextColumn("remaining"), TimeRemainingColumn(),
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
     )  # fmt: skip
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=1.0)

@@ -324,9 +324,11 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
         )  # fmt: skip
         sweeps = first, end, rows, buffers, status, last, outputs, gradients
         prepare({run_rows: runs, sweep_rows: sweeps})
-        run_rows(*runs)
-        if sweeping:
-            sweep_rows(*sweeps)
+        # As plain Python (NUMBA_DISABLE_JIT=1) they would warn of what the status says.
+        with np.errstate(all="ignore"):
+            run_rows(*runs)
+            if sweeping:
+                sweep_rows(*sweeps)
         spare.append(buffers)
 
     _in_threads(n, SWEEP_CHUNK if sweeping else RUN_CHUNK, job)

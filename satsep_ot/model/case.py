@@ -100,8 +100,8 @@ def new_case_text(like: str, name: str) -> str:
     >>> parse_case(new_case_text("cubesat", "mine")).name
     'mine'
     """
-    # A text in TOML is written as in JSON.
-    line = f"name = {json.dumps(name)}"
+    # A text in TOML is written as in JSON, which may have every character as it is.
+    line = f"name = {json.dumps(name, ensure_ascii=False)}"
     return re.sub(r"^name = .*$", lambda _: line, load_case(like).text, count=1, flags=re.MULTILINE)
 
 

@@ -15,6 +15,7 @@ from satsep_ot.dynamics.kernels.records import LARGEST
 from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles
 from satsep_ot.model.distributions import distribution_names
+from satsep_ot.model.printable import is_printable
 
 MAXIMUM_SPRINGS = 1000
 
@@ -383,7 +384,7 @@ class Name(Text):
         return f"a name of 1 to {self.longest} printable characters"
 
     def accepts(self, given: Any, count: int = 0) -> bool:
-        return super().accepts(given) and 0 < len(given.strip()) <= len(given) <= self.longest and given.isprintable()
+        return super().accepts(given) and 0 < len(given.strip()) <= len(given) <= self.longest and is_printable(given)
 
     def schema(self) -> dict[str, Any]:
         return {"type": "string", "minLength": 1, "maxLength": self.longest}

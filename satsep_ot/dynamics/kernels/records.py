@@ -21,6 +21,11 @@ VECTOR, MATRIX = (NUMBER, 3), (NUMBER, 9)
 class Record(np.void):
     """An element of an array of records: in Python too its fields are attributes, as in compiled code."""
 
+    @property
+    def flat(self):
+        # Every number of numpy has an attribute of this name.
+        return self["flat"]
+
     def __getattr__(self, name):
         if name not in self.dtype.names:
             raise AttributeError(name)

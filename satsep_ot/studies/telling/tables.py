@@ -2,15 +2,21 @@
 
 from collections.abc import Iterator
 
+from rich import markup
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.markup import escape
 from rich.table import Table
 
+from satsep_ot.model.printable import printable
 from satsep_ot.studies.telling.advice import tightening_advice
 from satsep_ot.studies.telling.remarks import remarks, unseen_regions
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import headline, judge_all
+
+
+def escape(text: str) -> str:
+    """A text as rich's markup prints it as it is, but for control characters, which a terminal would obey."""
+    return markup.escape(printable(text))
 
 
 def make_table(title: str, *columns: str) -> Table:
