@@ -34,7 +34,8 @@ BOXES = {
     "methods.polynomials": (450, 250, ("methods.subspaces",), "regression; a polynomial's distribution"),
     "methods.parallel": (720, 240, ("methods.comparison",), "any number of runs on any workers"),
     "methods.common": (450, 510, ("methods.polynomials",), "intervals, the standard space, files of results"),
-    "openturns_adapter": (320, 660, ("methods.common", "dynamics.kernels"), "every workaround for OpenTURNS"),
+    "openturns_object": (320, 240, ("methods.common", "dynamics.kernels"), "what every public class inherits"),
+    "openturns_adapter": (320, 660, ("openturns_object",), "every workaround for OpenTURNS"),
 }
 METHODS = "methods: for any OpenTURNS function or event; no file here knows a satellite"
 GAP, PANEL, LINE = 34, 36, 15

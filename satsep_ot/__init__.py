@@ -32,6 +32,8 @@ _HOMES = {
     "SeparationFunction": "model.separation_function",
     "SeparationProblem": "model.separation_problem",
     "SeparationStudy": "studies.separation_study",
+    "addToStudy": "openturns_object",
+    "readFromStudy": "openturns_object",
     "TrueRuns": "methods.reliability.true_runs",
     "list_runs": "studies.study_runs",
     "load_case": "model.case",

@@ -112,6 +112,39 @@ def hasHessian(function: ot.Function) -> bool:
     return not _FINITE_DIFFERENCES.search(repr(function.getHessian()))
 
 
+def isOpenTURNS(thing: Any) -> bool:
+    """Whether an object is one of OpenTURNS' own.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import isOpenTURNS
+    >>> isOpenTURNS(ot.Point(2)), isOpenTURNS([0.0, 0.0])
+    (True, False)
+    """
+    # They have one base class in C++, but none in Python. Remove when they have.
+    return type(thing).__module__.startswith("openturns.") and hasattr(thing, "thisown")
+
+
+def sameObjects(first: Any, second: Any) -> bool:
+    """Whether two OpenTURNS objects print the same, with all digits; Python functions print their names only.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import sameObjects
+    >>> sameObjects(ot.HermiteFactory(), ot.HermiteFactory()), sameObjects(ot.Dirac(0.1), ot.Dirac(0.1000000001))
+    (True, False)
+    """
+    # Two events, or two polynomial factories, are never equal, two functions always. Remove when == compares states.
+    precision = ot.PlatformInfo.GetNumericalPrecision()
+    ot.PlatformInfo.SetNumericalPrecision(17)
+    try:
+        return type(first) is type(second) and repr(first) == repr(second)
+    finally:
+        ot.PlatformInfo.SetNumericalPrecision(precision)
+
+
 def isPython(thing: Any) -> bool:
     """Whether an OpenTURNS object is made of Python code, which a study stores as a pickle.
 

@@ -23,6 +23,7 @@ ALLOWED = {
     "deprecation.py": set(),
     # dill is optional.
     "openturns_adapter.py": {"numpy", "openturns", "dill"},
+    "openturns_object.py": {"numpy", "openturns", "satsep_ot.openturns_adapter"},
     "model": {
         "numpy",
         "openturns",
@@ -30,6 +31,7 @@ ALLOWED = {
         "satsep_ot.dynamics",
         "satsep_ot.model",
         "satsep_ot.openturns_adapter",
+        "satsep_ot.openturns_object",
     },
     # cloudpickle and distributed are optional: they are imported where they are there.
     "methods": {
@@ -43,6 +45,7 @@ ALLOWED = {
         "satsep_ot.methods",
         "satsep_ot.moved_modules",
         "satsep_ot.openturns_adapter",
+        "satsep_ot.openturns_object",
     },
     "studies": {
         *BELOW_STUDIES,
@@ -52,6 +55,7 @@ ALLOWED = {
         "markupsafe",
         "rich",
         "satsep_ot.deprecation",
+        "satsep_ot.openturns_object",
         "satsep_ot.studies",
     },
     # What tells of a study takes result objects, and knows nothing of what makes them.
@@ -77,7 +81,7 @@ FOLDERS = {
 }
 STANDARD_LIBRARY = {
     "abc", "argparse", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses",
-    "datetime", "difflib", "enum", "faulthandler", "fcntl", "functools", "gc", "hashlib", "importlib", "io",
+    "datetime", "difflib", "enum", "faulthandler", "fcntl", "functools", "gc", "hashlib", "html", "importlib", "io",
     "itertools", "json", "math", "multiprocessing", "os", "pathlib", "pickle", "platform", "re", "signal",
     "subprocess", "sys", "tempfile", "threading", "time", "tomllib", "traceback", "types", "typing", "unicodedata",
     "warnings", "weakref", "xml", "zipfile", "zlib",

@@ -12,6 +12,7 @@ from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
 from satsep_ot.model.case import Case, load_uncertain_case
 from satsep_ot.model.inputs import ParameterMap
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Runs simulated at once: large enough to keep every thread busy, small enough for constant memory.
 _CHUNK = 16384
@@ -33,7 +34,7 @@ class SeparationError(RuntimeError):
     """
 
 
-class SeparationFunction(ot.OpenTURNSPythonFunction):
+class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
     """Quantities of interest of a separation as a function of its uncertain inputs.
 
     Parameters
@@ -90,6 +91,9 @@ class SeparationFunction(ot.OpenTURNSPythonFunction):
         self._separation = case.separation
         self._tolerance = tolerance
         self._map = ParameterMap(case.inputs, case.separation)
+
+    def _shown(self):
+        return {"inputs": self.getInputDimension(), "quantities": list(self._quantities), "tolerance": self._tolerance}
 
     def evaluate(self, X: Any) -> np.ndarray:
         """Quantities of interest of each row.

@@ -1,5 +1,6 @@
 """A separation as a reliability problem: distribution, function, events, and the smooth components behind them."""
 
+import functools
 import os
 
 import openturns as ot
@@ -11,6 +12,7 @@ from satsep_ot.model.inputs import joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.spelling import did_you_mean
 from satsep_ot.openturns_adapter import minimumFunction
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Added to the argument of a norm and of an absolute value: their gradient at 0 is then one of the subgradients instead
 # of 0/0, so that a search for a design point can start at the nominal point. It changes no digit of any rate that
@@ -18,7 +20,7 @@ from satsep_ot.openturns_adapter import minimumFunction
 _KINK = 1e-150
 
 
-class SeparationProblem:
+class SeparationProblem(OpenTURNSObject):
     """Reliability of a separation: the joint distribution of its inputs, its function, an event for each requirement.
 
     Parameters
@@ -57,14 +59,18 @@ class SeparationProblem:
     ) -> None:
         self._case = load_uncertain_case(case)
         self._distribution = joint_distribution(self._case.inputs, self._case.copula if copula is None else copula)
-        self._quantities = quantity_table(self._case.separation)
 
-    def __repr__(self) -> str:
-        return (
-            f"SeparationProblem(case={self._case.name}, inputs={self._distribution.getDimension()}, "
+    @functools.cached_property
+    def _quantities(self):
+        return quantity_table(self._case.separation)
+
+    def _shown(self):
+        return {
+            "case": self._case.name,
+            "inputs": self._distribution.getDimension(),
             # By the names that `getEvent` takes.
-            f"requirements={ {entry.name: str(entry) for entry in self._case.requirements} })"
-        )
+            "requirements": {entry.name: str(entry) for entry in self._case.requirements},
+        }
 
     def getCase(self) -> Case:
         """The case.

@@ -33,6 +33,7 @@ from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
+from satsep_ot.openturns_object import OpenTURNSObject
 from satsep_ot.studies import drivers
 from satsep_ot.studies.deprecated_accessors import DeprecatedAccessors
 from satsep_ot.studies.drivers import Violation
@@ -76,7 +77,11 @@ _SMALLEST_SHARE = 0.01
 _SUBSPACES_BEGIN, _METHODS_BEGIN, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN = 0.2, 0.3, 0.65, 0.92
 
 
-class SeparationStudy(DeprecatedAccessors):
+def _reportNothing(label, share):
+    """What is called where nobody asks for the progress."""
+
+
+class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     """Probability of violating each requirement of a separation, and any of them, by several methods.
 
     Parameters
@@ -148,7 +153,7 @@ class SeparationStudy(DeprecatedAccessors):
         self._toleranceSize = int(toleranceSize)
         self._target = float(targetCoefficientOfVariation)
         self._names = [*problem.getRequirementNames(), SYSTEM]
-        self._progress: Callable[[str, float], None] = lambda label, share: None
+        self._progress: Callable[[str, float], None] = _reportNothing
         self._directory: ResultsDirectory | None = None
         self._executor: Executor | Callable[[], Executor] | None = None
         self._sample: np.ndarray | None = None
@@ -166,11 +171,17 @@ class SeparationStudy(DeprecatedAccessors):
         self._halved: dict[str, tuple[HalvedTolerance, ...]] = {}
         self._violations: dict[str, Violation] = {}
 
-    def __repr__(self) -> str:
-        return (
-            f"SeparationStudy(case={self._problem.getCase().name}, methods={to_plain(self._methods)}, "
-            f"seed={self._seed}, sampleSize={self._sampleSize})"
-        )
+    def _shownRemarks(self):
+        # getRemarks() is deprecated.
+        return []
+
+    def _shown(self):
+        return {
+            "case": self._problem.getCase().name,
+            "methods": to_plain(self._methods),
+            "seed": self._seed,
+            "sampleSize": self._sampleSize,
+        }
 
     def setProgressCallback(self, callback: Callable[[str, float], None]) -> None:
         """Called with what is being done and the share of the whole study that is done, from 0 to 1."""

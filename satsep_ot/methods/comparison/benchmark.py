@@ -17,9 +17,10 @@ from satsep_ot.methods.comparison.problem import BenchmarkTask
 from satsep_ot.methods.parallel.chunks import Chunk, Work
 from satsep_ot.methods.parallel.monte_carlo_stream import generatorLock
 from satsep_ot.methods.parallel.scheduler import ChunkScheduler
+from satsep_ot.openturns_object import OpenTURNSObject
 
 
-class ReliabilityBenchmark:
+class ReliabilityBenchmark(OpenTURNSObject):
     """Methods on problems, each pair repeated with the seeds ``seed``, ``seed + 1``, ...
 
     Every evaluation and gradient counts. An exception is an entry with its message and never a probability of 0.
@@ -73,11 +74,13 @@ class ReliabilityBenchmark:
         # Rows of the repetitions, by problem and method, then by seed.
         self._known: dict[tuple[str, str], dict[int, Row]] | None = None
 
-    def __repr__(self) -> str:
-        return (
-            f"ReliabilityBenchmark(problems={[task.name for task in self._tasks]}, "
-            f"methods={[method.name for method in self._methods]}, repetitions={self._repetitions}, seed={self._seed})"
-        )
+    def _shown(self):
+        return {
+            "problems": [task.name for task in self._tasks],
+            "methods": [method.name for method in self._methods],
+            "repetitions": self._repetitions,
+            "seed": self._seed,
+        }
 
     def setFile(self, path: str | os.PathLike | None) -> None:
         """Keep every repetition in a file of JSON lines, and continue from what it holds.

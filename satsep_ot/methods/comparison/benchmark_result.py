@@ -11,6 +11,7 @@ from scipy.special import bdtr, stdtrit
 from satsep_ot.methods.common.tables import csvTable, markdownTable, textTable
 from satsep_ot.methods.comparison.method import ReliabilityMethod, Row
 from satsep_ot.methods.comparison.problem import BenchmarkTask
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # An interval narrower than the digits of the reference is not held against a method.
 _REFERENCE_ACCURACY = 5e-4
@@ -160,7 +161,7 @@ def summarise(task: BenchmarkTask, method: ReliabilityMethod, rows: Sequence[Row
     return summary
 
 
-class ReliabilityBenchmarkResult:
+class ReliabilityBenchmarkResult(OpenTURNSObject):
     """Rows of a `ReliabilityBenchmark`.
 
     Parameters
@@ -178,8 +179,8 @@ class ReliabilityBenchmarkResult:
     def __init__(self, rows: list[BenchmarkRow]) -> None:
         self._rows = rows
 
-    def __repr__(self) -> str:
-        return f"ReliabilityBenchmarkResult(rows={len(self._rows)})"
+    def _shown(self):
+        return {"rows": len(self._rows)}
 
     def getRows(self) -> list[BenchmarkRow]:
         """Accessor to the rows: problem by problem, the methods in their order."""

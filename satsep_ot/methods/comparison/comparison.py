@@ -19,11 +19,12 @@ from satsep_ot.openturns_adapter import (
     eventKind,
     raiseInterrupt,
 )
+from satsep_ot.openturns_object import OpenTURNSObject
 
 DEFAULT_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 
 
-class ReliabilityComparison:
+class ReliabilityComparison(OpenTURNSObject):
     """Several methods on one event, with every evaluation and gradient counted.
 
     An exception is a row with its message and without a probability.
@@ -68,8 +69,8 @@ class ReliabilityComparison:
         self._stopCallback: Callable[[], bool] | None = None
         self._result: ReliabilityComparisonResult | None = None
 
-    def __repr__(self) -> str:
-        return f"ReliabilityComparison(methods={[method.name for method in self._methods]})"
+    def _shown(self):
+        return {"methods": [method.name for method in self._methods]}
 
     def setComponents(
         self,
@@ -171,7 +172,7 @@ class ReliabilityComparison:
         )
 
 
-class ReliabilityComparisonResult:
+class ReliabilityComparisonResult(OpenTURNSObject):
     """Rows of a `ReliabilityComparison`.
 
     Parameters
@@ -190,8 +191,8 @@ class ReliabilityComparisonResult:
     def __init__(self, rows: list[Row]) -> None:
         self._rows = rows
 
-    def __repr__(self) -> str:
-        return f"ReliabilityComparisonResult(methods={[row.method for row in self._rows]})"
+    def _shown(self):
+        return {"methods": [row.method for row in self._rows]}
 
     def getRows(self) -> list[Row]:
         """Accessor to the rows."""

@@ -8,6 +8,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.standard_space import StandardSpace
+from satsep_ot.openturns_object import OpenTURNSObject
 
 
 class BenchmarkProblem:
@@ -207,8 +208,8 @@ def _batchFunction(inputDimension: int, outputDimension: int, evaluate: Callable
     )
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchmarkTask:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class BenchmarkTask(OpenTURNSObject):
     """An event of known probability.
 
     Attributes
@@ -237,6 +238,9 @@ class BenchmarkTask:
     components: tuple | None = None
     gradientCost: float = 1.0
     probabilityError: float = 0.0
+
+    def _shown(self):
+        return {"name": repr(self.name), "probability": self.probability, "probabilityError": self.probabilityError}
 
     @staticmethod
     def of(problem: BenchmarkProblem) -> "BenchmarkTask":

@@ -12,6 +12,7 @@ from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.parallel.chunks import Chunk, ChunkError, Work
 from satsep_ot.methods.parallel.scheduler import ChunkScheduler
 from satsep_ot.openturns_adapter import Shared, callFunction, hasGradient, hasHessian
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Points of a chunk at most: larger ones gain nothing even where a point takes microseconds.
 _LARGEST_CHUNK = 4096
@@ -78,7 +79,7 @@ class FunctionWork:
         return np.stack([np.array(self.function.hessian(x)) for x in X])
 
 
-class ParallelFunction(ot.OpenTURNSPythonFunction):
+class ParallelFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
     """A function whose samples are split into chunks that the workers of an executor evaluate.
 
     Parameters
@@ -134,11 +135,12 @@ class ParallelFunction(ot.OpenTURNSPythonFunction):
         # OpenTURNS hides what the copies raise in text.
         self._lastError = Shared()
 
-    def __repr__(self) -> str:
-        return (
-            f"ParallelFunction(inputs={self.getInputDimension()}, outputs={self.getOutputDimension()}, "
-            f"{self._scheduler!r})"
-        )
+    def _shown(self):
+        return {
+            "inputs": self.getInputDimension(),
+            "outputs": self.getOutputDimension(),
+            "scheduler": self._scheduler,
+        }
 
     def __enter__(self):
         return self

@@ -20,6 +20,7 @@ from satsep_ot.methods.parallel.chunks import Chunk, Work
 from satsep_ot.methods.parallel.function import FunctionWork, wrongResult
 from satsep_ot.methods.parallel.scheduler import ChunkScheduler
 from satsep_ot.methods.parallel.stream_storage import StreamProgress, openRowFile
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Blocks that a worker makes at once.
 _CHUNK_BLOCKS = 16
@@ -64,7 +65,7 @@ class _BlockWork:
                 ot.RandomGenerator.SetState(state)
 
 
-class MonteCarloStream:
+class MonteCarloStream(OpenTURNSObject):
     """Moments of a function's outputs and probabilities of events by any number of runs, in constant memory.
 
     Parameters
@@ -128,8 +129,8 @@ class MonteCarloStream:
         self._progressCallback: Callable[[float], None] | None = None
         self._result: MonteCarloStreamResult | None = None
 
-    def __repr__(self) -> str:
-        return f"MonteCarloStream(size={self._size}, blockSize={self._blockSize}, events={list(self._events)})"
+    def _shown(self):
+        return {"size": self._size, "blockSize": self._blockSize, "events": list(self._events)}
 
     def setEvents(self, events: Mapping[str, tuple[int | str, ot.ComparisonOperator, float]]) -> None:
         """Events to be counted.
@@ -323,15 +324,15 @@ class _Rows:
         return taken
 
 
-class MonteCarloStreamResult:
+class MonteCarloStreamResult(OpenTURNSObject):
     """What the runs of a :class:`MonteCarloStream` gave; see there."""
 
     def __init__(self, summary: BlockSummary, names: Sequence[str], events: Sequence[str]) -> None:
         self._summary, self._names, self._events = summary, names, events
 
-    def __repr__(self) -> str:
+    def _shown(self):
         counts = dict(zip([*self._events, "any of them"], self._summary.counts.tolist(), strict=True))
-        return f"MonteCarloStreamResult(size={self._summary.size}, counts={counts})"
+        return {"size": self._summary.size, "counts": counts}
 
     def getSize(self) -> int:
         """Number of runs."""

@@ -9,6 +9,7 @@ from scipy import optimize, special
 
 from satsep_ot.methods.polynomials.basis import hermite_recurrence
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Lines through the origin, evenly over the half circle, for two variables; a multiple of 4.
 PLANE_LINES = 512
@@ -28,7 +29,7 @@ IMAGINARY_TOLERANCE = 1e-8
 LEADING_TOLERANCE = 1e-13
 
 
-class PolynomialDistribution:
+class PolynomialDistribution(OpenTURNSObject):
     """Distribution of p(Y), p a polynomial and Y independent standard normals, at most three.
 
     On every line through the origin the sets {p <= t} are intervals between roots, whose probability given the
@@ -86,8 +87,8 @@ class PolynomialDistribution:
         directions, self._rules = _lines(r)
         self._power = _line_powers(indices, coefficients, directions)
 
-    def __repr__(self) -> str:
-        return f"PolynomialDistribution(mean={self._mean:.6g}, standardDeviation={self._deviation:.6g})"
+    def _shown(self):
+        return {"mean": f"{self._mean:.6g}", "standardDeviation": f"{self._deviation:.6g}"}
 
     def getMean(self) -> float:
         """Mean of the polynomial."""

@@ -11,6 +11,7 @@ from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.families import PolynomialFamilies
 from satsep_ot.methods.polynomials.fit import fit_polynomial, shuffled_folds
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Tuning of Huber's estimator for 95 % efficiency under normal noise (Huber 1981).
 HUBER_CONSTANT = 1.345
@@ -20,7 +21,7 @@ HUBER_STEPS = 50
 HIGHEST_DEGREE = 10
 
 
-class MultivariatePolynomialRegression:
+class MultivariatePolynomialRegression(OpenTURNSObject):
     """Least squares on orthonormal polynomials of several variables, of total degree 4 by default.
 
     Parameters
@@ -89,11 +90,13 @@ class MultivariatePolynomialRegression:
             )
         return distribution
 
-    def __repr__(self) -> str:
-        return (
-            f"MultivariatePolynomialRegression(size={len(self._points)}, inputs={self._points.shape[1]}, "
-            f"outputs={self._values.shape[1]}, degree={self._degree})"
-        )
+    def _shown(self):
+        return {
+            "size": len(self._points),
+            "inputs": self._points.shape[1],
+            "outputs": self._values.shape[1],
+            "degree": self._degree,
+        }
 
     def setDegree(self, degree: int) -> None:
         """Highest total degree, 0 to 10 (default 4)."""

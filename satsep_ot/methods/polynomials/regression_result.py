@@ -17,13 +17,14 @@ from satsep_ot.methods.polynomials.families import PolynomialFamilies
 from satsep_ot.methods.polynomials.fit import PolynomialFit, fit_polynomial, shuffled_folds
 from satsep_ot.methods.polynomials.prediction import PolynomialPrediction, predict_hessian
 from satsep_ot.moved_modules import restoring
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Minus the mean of the logarithm of a chi-square variable with one degree of freedom.
 LOG_CHI_SQUARE = math.log(2.0) + np.euler_gamma
 _FORMAT = "MultivariatePolynomialRegressionResult 2"
 
 
-class MultivariatePolynomialRegressionResult:
+class MultivariatePolynomialRegressionResult(OpenTURNSObject):
     """Result of :class:`MultivariatePolynomialRegression`.
 
     Examples
@@ -63,11 +64,8 @@ class MultivariatePolynomialRegressionResult:
 
     __setstate__ = restoring(_reduction="_families", _metaModel=None, _prediction=None, _moments=None)
 
-    def __repr__(self) -> str:
-        return (
-            f"MultivariatePolynomialRegressionResult(size={len(self._points)}, degree={self.getDegree()}, "
-            f"terms={self._fit.basis.size})"
-        )
+    def _shown(self):
+        return {"size": len(self._points), "degree": self.getDegree(), "terms": self._fit.basis.size}
 
     def getDegree(self) -> int:
         """Highest total degree."""

@@ -14,11 +14,12 @@ from satsep_ot.methods.subspaces.analysis import analyse_gradients, flat_outputs
 from satsep_ot.methods.subspaces.gradients import GradientSample, StandardModel
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.openturns_adapter import hasGradient
+from satsep_ot.openturns_object import OpenTURNSObject
 
 GRADIENT_METHODS = ("Automatic", "Exact", "CentralDifference", "ForwardDifference")
 
 
-class ActiveSubspaceAlgorithm:
+class ActiveSubspaceAlgorithm(OpenTURNSObject):
     """Active subspace of a function under a distribution, from gradients in the standard space.
 
     Parameters
@@ -107,11 +108,12 @@ class ActiveSubspaceAlgorithm:
         """
         return cls(GradientSample.of(standardSample, outputSample, gradientSample, weights), distribution)
 
-    def __repr__(self) -> str:
-        return (
-            f"ActiveSubspaceAlgorithm(inputs={self._space.getDimension()}, samplingSize={self._samplingSize}, "
-            f"gradientMethod={self._gradientMethod})"
-        )
+    def _shown(self):
+        return {
+            "inputs": self._space.getDimension(),
+            "samplingSize": self._samplingSize,
+            "gradientMethod": self._gradientMethod,
+        }
 
     def getDistribution(self) -> ot.Distribution:
         """Distribution of the physical inputs."""

@@ -19,6 +19,7 @@ from satsep_ot.methods.subspaces.analysis import SubspaceAnalysis, flat_outputs
 from satsep_ot.methods.subspaces.estimation import quantile_bands, reflected_bands, subspace_distance
 from satsep_ot.methods.subspaces.graphs import addBand, drawScores, drawSufficientSummary
 from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation, surrogate_degree
+from satsep_ot.openturns_object import OpenTURNSObject
 
 _FORMAT = "ActiveSubspaceResult 1"
 
@@ -28,7 +29,7 @@ def _checkLevel(level):
         raise ValueError(f"The confidence level must be in (0, 1), got {level}.")
 
 
-class ActiveSubspaceResult:
+class ActiveSubspaceResult(OpenTURNSObject):
     """Result of :class:`ActiveSubspaceAlgorithm`.
 
     Intervals are bootstrap quantiles over the gradient sample, all outputs of a point together. Those of eigenvalues,
@@ -72,11 +73,15 @@ class ActiveSubspaceResult:
             state = {"_space": state["_space"], "_analysis": analysis, "_regression": None}
         vars(self).update(state)
 
-    def __repr__(self) -> str:
-        return (
-            f"ActiveSubspaceResult(inputs={len(self._analysis.eigenvalues)}, outputs={self._analysis.values.shape[1]}, "
-            f"gradients={len(self._analysis.points)}, dimension={self._analysis.dimension})"
-        )
+    _derived = ("_regression",)
+
+    def _shown(self):
+        return {
+            "inputs": len(self._analysis.eigenvalues),
+            "outputs": self._analysis.values.shape[1],
+            "gradients": len(self._analysis.points),
+            "dimension": self._analysis.dimension,
+        }
 
     def getEigenvalues(self) -> ot.Point:
         """All d eigenvalues, decreasing, in units of the output squared; without unit for several outputs.

@@ -18,11 +18,12 @@ from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomi
 from satsep_ot.methods.subspaces.graphs import drawSufficientSummary
 from satsep_ot.methods.subspaces.variable_projection import RidgeFit, cross_validate_ridge, fit_ridge
 from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation
+from satsep_ot.openturns_object import OpenTURNSObject
 
 _FORMAT = "RidgeApproximationResult 1"
 
 
-class RidgeApproximation:
+class RidgeApproximation(OpenTURNSObject):
     """Active subspace and polynomial surrogate without gradients, f(x) ~ p(W^T T(x)).
 
     Parameters
@@ -89,11 +90,13 @@ class RidgeApproximation:
         self._folds = 5
         self._result: RidgeApproximationResult | None = None
 
-    def __repr__(self) -> str:
-        return (
-            f"RidgeApproximation(size={len(self._points)}, inputs={self._points.shape[1]}, "
-            f"dimension={self._dimension}, degree={self._degree})"
-        )
+    def _shown(self):
+        return {
+            "size": len(self._points),
+            "inputs": self._points.shape[1],
+            "dimension": self._dimension,
+            "degree": self._degree,
+        }
 
     def setDimension(self, dimension: int | None) -> None:
         """Number of directions, 0 to d, or None (default) to choose it up to the largest."""
@@ -182,7 +185,7 @@ class RidgeApproximation:
         return self._result
 
 
-class RidgeApproximationResult:
+class RidgeApproximationResult(OpenTURNSObject):
     """Result of :class:`RidgeApproximation`.
 
     Examples
@@ -222,11 +225,10 @@ class RidgeApproximationResult:
         self._q2 = q2
         self._regression: MultivariatePolynomialRegressionResult | None = None
 
-    def __repr__(self) -> str:
-        return (
-            f"RidgeApproximationResult(inputs={self._points.shape[1]}, dimension={self.getDimension()}, "
-            f"degree={self._degree})"
-        )
+    _derived = ("_regression",)
+
+    def _shown(self):
+        return {"inputs": self._points.shape[1], "dimension": self.getDimension(), "degree": self._degree}
 
     def getDimension(self) -> int:
         """Number of directions."""
