@@ -8,6 +8,7 @@ from case_mutations import EVERY_TABLE
 from separation_cases import BOX, SQUARE, general_separation, mixed_springs, symmetric_separation
 
 from satsep_ot.dynamics.orbit import Orbit
+from satsep_ot.dynamics.quantities import base_fields
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import Body, Springs, Status, invalid_parameter, umbilical
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients, trajectory
@@ -137,7 +138,12 @@ def test_every_parameter_of_a_run_at_every_absurd_value(force_line):
     named = [invalid_parameter(separation, row) is not None for row in rows]
     np.testing.assert_array_equal(outcome.status == Status.INVALID_PARAMETERS, named)
     assert np.isfinite(outcome.base[finished]).all()
-    assert np.isnan(outcome.base[~finished]).all()
+    sunk = outcome.status == Status.PENETRATION
+    assert np.isnan(outcome.base[~finished & ~sunk]).all()
+    # How deep it sank is all that such a run tells.
+    depths = outcome.base[sunk][:, base_fields(separation).index("deck_height")]
+    assert (depths < -1e-4).all()
+    assert np.isnan(outcome.base[sunk]).sum() == np.count_nonzero(sunk) * (outcome.base.shape[1] - 1)
     assert outcome.steps.max() <= 1000
     for row in np.flatnonzero(~finished):
         name, value = names[row // count], VALUES[row % count]

@@ -72,7 +72,9 @@ def test_gradients_against_differences(law, line):
         values = around.quantity(name).reshape(-1, 2)
         change = outcome.quantity_gradient(name)[0, varied] * steps
         difference = 0.5 * (values[:, 0] - values[:, 1])
-        np.testing.assert_allclose(change, difference, rtol=1e-5, atol=1e-6 * np.abs(difference).max(), err_msg=name)
+        # Coordinates of some metres are rounded to 2e-13 mm.
+        largest = max(1e-6 * np.abs(difference).max(), 1e-12 * (name == "deck_height"))
+        np.testing.assert_allclose(change, difference, rtol=1e-5, atol=largest, err_msg=name)
 
 
 @pytest.mark.parametrize(("law", "line"), CONTRACTS)

@@ -306,12 +306,12 @@ def test_tables_and_laws_that_do_not_fit_the_springs_are_named():
 
 
 def tumbling(count):
-    """A small cube that a single spring pushes at a corner: its points turn back on their way out of a deep recess."""
+    """A small cube that one spring pushes off its centre: its points turn back on their way out of a deep recess."""
     half, height = 0.05, 0.1135
     separation = Separation(
         Body(5.96, [0.063, 0.01, 0.063], [-0.00086, -0.17025, -0.00008]),
         Body(2.01, [0.00377, 0.00325, 0.00393], [0.0056, 0.05675, 0.0035]),
-        Springs([np.pi / 4.0], 0.065, 880.0, 0.0047, 0.00407),
+        Springs([np.pi / 4.0], 0.034, 880.0, 0.0047, 0.00407),
         envelope=[[a * half, y, b * half] for a in (-1, 1) for b in (-1, 1) for y in (0.0, height)],
         recess_radius=0.085,
         horizon=20.0,

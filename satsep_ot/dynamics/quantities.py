@@ -103,6 +103,12 @@ QUANTITIES = {
         ("w_x", "w_z"),
     ),
     "release_time": scaled("s", "time of the last release", "time"),
+    "deck_height": scaled(
+        "mm",
+        "smallest height of the satellite's foot over the deck, less that at the start where this is below 0",
+        "deck_height",
+        1e3,
+    ),
 }
 
 
@@ -117,8 +123,8 @@ def base_fields(separation: Separation) -> list[str]:
     -------
     fields : list of str
         The state at the last release, "d_x" to "q_1_z" (see `satsep_ot.dynamics.kernels.records`), its "time", the
-        smallest "clearance", that of each followed envelope point at the instant at which it leaves the recess,
-        "exit_clearance_1" and so on, and the "recontact_distance" where it is asked for.
+        smallest "clearance", the smallest "deck_height", the clearance of each followed envelope point at the instant
+        at which it leaves the recess, "exit_clearance_1" and so on, and the "recontact_distance" where it is asked for.
 
     Examples
     --------
@@ -130,7 +136,7 @@ def base_fields(separation: Separation) -> list[str]:
     """
     exits = [f"exit_clearance_{i + 1}" for i in range(len(separation.recess_points()))]
     recontact = ["recontact_distance"] * (separation.recontact is not None)
-    return [*STATE_FIELDS, "time", "clearance", *exits, *recontact]
+    return [*STATE_FIELDS, "time", "clearance", "deck_height", *exits, *recontact]
 
 
 def quantity_table(separation: Separation) -> dict[str, Quantity]:

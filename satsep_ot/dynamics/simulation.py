@@ -1,5 +1,6 @@
 """Simulate many separations at once: `simulate` for their outcomes, `trajectory` for one over time."""
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike
 from satsep_ot.dynamics.kernels import records
 from satsep_ot.dynamics.kernels.adjoint import (
     CLEARANCE_OUTPUT,
+    DECK_OUTPUT,
     EXIT_OUTPUT,
     NO_OUTPUT,
     STATE_OUTPUT,
@@ -44,6 +46,7 @@ from satsep_ot.dynamics.springs import spring_records
 SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
 # What the coast after the release starts from.
 COAST_FIELDS = [*(field for field in STATE_FIELDS if field.startswith(("d_", "w_", "q_1_"))), "time"]
+DECK_COLUMN = STATE_SIZE + 2  # of the base
 RUN_CHUNK = 1024  # runs between two looks at the keyboard, some 20 ms
 
 
@@ -117,6 +120,10 @@ class Outcome:
         A `Status` for each run.
     steps : ndarray of int, shape (n,)
         Integration steps taken.
+    notices : ndarray of records, shape (n,)
+        Of a run whose status is PENETRATION: when (`time` [s]) and where the satellite was lowest, at the envelope
+        point of that number (`point`, of `Separation.recess_points`) or at the edge of its ring (-1) at an `angle`
+        [rad].
     gradients : ndarray, shape (n, B, P), or None
         Exact derivatives of the base with respect to the parameters, where they were asked for; 0 in columns that were
         not.
@@ -137,6 +144,7 @@ class Outcome:
     release_times: np.ndarray
     status: np.ndarray
     steps: np.ndarray
+    notices: np.ndarray
     gradients: np.ndarray | None = None
 
     @cached_property
@@ -168,9 +176,19 @@ class Outcome:
 
     def explain(self, row: int) -> str:
         """One sentence on how run `row` ended; for invalid parameters it names the first and its value."""
+        if self.status[row] == Status.PENETRATION:
+            return self._penetration(row)
         if self.status[row] == Status.INVALID_PARAMETERS:
             return invalid_parameter(self.separation, self.parameters[row]) or Status.INVALID_PARAMETERS.sentence
         return Status(self.status[row]).sentence
+
+    def _penetration(self, row):
+        notice, depth = self.notices[row], -1e3 * self.base[row, DECK_COLUMN]
+        what = f"the edge of its ring at {math.degrees(notice.angle) % 360.0:.0f} deg"
+        if notice.point >= 0:
+            place = ", ".join(f"{1e3 * number:g}" for number in self.separation.recess_points()[notice.point])
+            what = f"its envelope point ({place}) mm"
+        return f"{Status.PENETRATION.sentence}; {what} is {depth:.3g} mm below it at {1e3 * notice.time:.4g} ms"
 
 
 def gravity_level(separation: Separation) -> int:
@@ -281,7 +299,7 @@ def _output(column):
     if column < STATE_SIZE:
         return STATE_OUTPUT, column
     if column < RESULT_SIZE:
-        return (TIME_OUTPUT, CLEARANCE_OUTPUT)[column - STATE_SIZE], 0
+        return (TIME_OUTPUT, CLEARANCE_OUTPUT, DECK_OUTPUT)[column - STATE_SIZE], 0
     return EXIT_OUTPUT, column - RESULT_SIZE
 
 
@@ -307,7 +325,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
     results, exit_clearances = np.zeros(n, records.RESULT), np.empty((n, point_number))
     release_times = np.full((n, len(separation.springs)), np.nan)
     status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    states = np.zeros((n, len(stops)), STATE)
+    states, notices = np.zeros((n, len(stops)), STATE), np.zeros(n, records.NOTICE)
     gradients = np.full((n, len(outputs), rows.shape[1]), np.nan)
     sweeping = len(outputs) > 0
 
@@ -320,7 +338,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
             buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1)
         runs = (
             first, end, int(sweeping), rows, *common, buffers, results, exit_clearances, release_times, status, steps,
-            last, states,
+            last, states, notices,
         )  # fmt: skip
         sweeps = first, end, rows, buffers, status, last, outputs, gradients
         prepare({run_rows: runs, sweep_rows: sweeps})
@@ -336,7 +354,8 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
     base[:, :RESULT_SIZE] = results["x"]
     base[:, RESULT_SIZE : RESULT_SIZE + point_number] = exit_clearances
     # The smallest clearance of no points is infinite.
-    computed = base[:, : RESULT_SIZE + point_number if point_number else STATE_SIZE + 1]
+    computed = base if point_number else np.delete(base, STATE_SIZE + 1, axis=1)
+    computed = computed[:, : computed.shape[1] - (separation.recontact is not None)]
     flown = status == Status.OK
     status[flown & ~(np.abs(computed) < LARGEST).all(axis=1)] = Status.STEP_UNDERFLOW
     if separation.recontact is not None:
@@ -344,10 +363,14 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
         base[flown, -1] = _coast(separation, rows[flown], base[flown])[0]
         status[flown & ~np.isfinite(base[:, -1])] = Status.STEP_UNDERFLOW
     failed = status != Status.OK
+    # How deep it sank is the one thing that such a run tells.
+    sunk = status == Status.PENETRATION
+    heights = base[sunk, DECK_COLUMN]
     base[failed] = np.nan
-    states["x"][failed] = np.nan
+    base[sunk, DECK_COLUMN] = heights
+    states["x"][failed & ~sunk] = np.nan
     gradients[failed] = np.nan
-    return Outcome(separation, rows, base, release_times, status, steps), states["x"], gradients
+    return Outcome(separation, rows, base, release_times, status, steps, notices), states["x"], gradients
 
 
 @dataclass(frozen=True)
@@ -359,7 +382,8 @@ class Trajectory:
     status : Status
     times : ndarray, shape (T,) [s]
     states : ndarray, shape (T, 20)
-        See `satsep_ot.dynamics.kernels.records`.
+        See `satsep_ot.dynamics.kernels.records`. NaN where the run failed; where its status is PENETRATION, those of
+        bodies that nothing keeps apart.
     release_times : ndarray, shape (N,) [s]
     last_release : ndarray, shape (20,)
         The state at the last release.

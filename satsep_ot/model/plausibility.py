@@ -399,6 +399,9 @@ def _other_unit(row):
 
 def _run_warnings(case):
     """Runs of a well-spread sample of the inputs that fail."""
+    nominal = simulate(case.separation)
+    if nominal.status[0] == Status.PENETRATION:
+        yield f"nominal run: {nominal.explain(0)}"
     if not case.inputs:
         return
     parameters, outcome = _scattered_runs(case)

@@ -67,7 +67,7 @@ def run_document(case: Case, times: Sequence[float] = (), tolerance: float = 1e-
     path = trajectory(separation, stops, tolerance=tolerance)
     # The flight to the last of the times may need more steps than there are, where the separation needed few.
     ending = status if status != Status.OK else Status(int(path.status))
-    at = dict(zip(stops, path.states, strict=True))
+    at = dict(zip(stops, path.states if ending == Status.OK else np.full_like(path.states, np.nan), strict=True))
     return {
         "case": case.name,
         "status": ending.name,
@@ -131,6 +131,8 @@ def _momentum(separation, path):
 
     Springs do not change it, gravity does.
     """
+    if not np.isfinite(path.last_release).all():
+        return None
     start, end = angular_momentum(separation, np.array([path.states[0], path.last_release]))
     change = np.linalg.norm(end - start)
     return {"at_start": start.tolist(), "change": float(change)} if np.isfinite(change) else None

@@ -20,6 +20,10 @@ _CHUNK = 16384
 _GRADIENT_CHUNK = 2048
 
 
+# Endings of a run that a study counts as violations: of a satellite that does not come off as it should.
+COUNTED = (Status.PENETRATION,)
+
+
 class SeparationError(RuntimeError):
     """A separation could not be simulated; the message names the row, the status and the inputs.
 
@@ -46,6 +50,11 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
     quantities : sequence of str, optional
         Names of the quantities of interest wanted, in this order. Default: all. Gradients of fewer cost less. Ask for
         fewer here rather than by a function's `getMarginal`, whose Hessian has no diagonal in OpenTURNS 1.27.
+    countsEndings : bool, default False
+        What a run is whose bodies do not come apart as they should (`COUNTED`, as where the satellite sinks into the
+        deck): an error, or with True a violation of every requirement. Its quantities are then beyond their limits by
+        the distance of the nominal run from these, those without a limit are those of the nominal run, and gradients
+        are 0; `deck_height` is its own.
 
     Notes
     -----
@@ -77,6 +86,7 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
         case: Case | str | str | os.PathLike = "reference",
         tolerance: float = 1e-8,
         quantities: Sequence[str] | None = None,
+        countsEndings: bool = False,
     ) -> None:
         case = load_uncertain_case(case)
         table = quantity_table(case.separation)
@@ -91,6 +101,7 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
         self._separation = case.separation
         self._tolerance = tolerance
         self._map = ParameterMap(case.inputs, case.separation)
+        self._violating = violating_values(case) if countsEndings else None
 
     def _shown(self):
         return {"inputs": self.getInputDimension(), "quantities": list(self._quantities), "tolerance": self._tolerance}
@@ -125,9 +136,12 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
         Y = np.empty((len(X), self.getOutputDimension()))
         for start in range(0, len(X), _CHUNK):
             rows = slice(start, start + _CHUNK)
-            outcome = self._run(simulate, X, rows)
+            outcome, counted = self._run(simulate, X, rows)
             for column, name in enumerate(self._quantities):
-                Y[rows, column] = outcome.quantity(name)
+                values = outcome.quantity(name)
+                if self._violating is not None:
+                    values[counted & ~np.isfinite(values)] = self._violating[name]
+                Y[rows, column] = values
         return Y
 
     def computeGradientSample(self, X: Any) -> np.ndarray:
@@ -152,9 +166,10 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
         gradients = np.empty((len(X), self.getInputDimension(), self.getOutputDimension()))
         for start in range(0, len(X), _GRADIENT_CHUNK):
             rows = slice(start, start + _GRADIENT_CHUNK)
-            outcome = self._run(simulate_with_gradients, X, rows, quantities=self._quantities)
+            outcome, counted = self._run(simulate_with_gradients, X, rows, quantities=self._quantities)
             for column, name in enumerate(self._quantities):
                 gradients[rows, :, column] = self._map.gradient(outcome.quantity_gradient(name))
+            gradients[rows][counted] = 0.0
         return gradients
 
     def _exec(self, x):
@@ -180,10 +195,11 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
     def _run(self, simulation, X, rows, **options):
         parameters = self._map.parameters(X[rows])
         outcome = simulation(self._separation, parameters, tolerance=self._tolerance, **options)
-        failed = np.flatnonzero(outcome.status != Status.OK)
+        counted = np.isin(outcome.status, COUNTED) & (self._violating is not None)
+        failed = np.flatnonzero((outcome.status != Status.OK) & ~counted)
         if failed.size:
             raise SeparationError(self._failure(X, rows.start + failed, outcome.explain(failed[0])))
-        return outcome
+        return outcome, counted
 
     def _checked(self, X):
         X = np.asarray(X, dtype=float)
@@ -206,3 +222,37 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
         )
         more = f" (nor could {len(rows) - 1} other of the {len(X)} rows)" if len(rows) > 1 else ""
         return f"row {rows[0]} could not be simulated{more}: {reason}; its inputs are {values}"
+
+
+def violating_values(case: Case) -> dict[str, float]:
+    """What stands for the quantities of a run that violates every requirement, in their units.
+
+    Parameters
+    ----------
+    case : Case
+
+    Returns
+    -------
+    values : dict of str to float
+        By quantity: as far beyond its limit as the nominal run is before it (where it has two, the first one counts),
+        and the nominal value where there is no limit. Of a norm the first part is the norm, the others are 0.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.separation_function import violating_values
+    >>> f"{violating_values(load_case('reference'))['axial_velocity']:.3f}"
+    '0.582'
+    """
+    outcome, table = simulate(case.separation), quantity_table(case.separation)
+    nominal = {name: float(outcome.quantity(name)[0]) for name in table}
+    values = {name: value if np.isfinite(value) else 0.0 for name, value in nominal.items()}
+    for entry in reversed(case.requirements):
+        distance = abs(nominal[entry.quantity] - entry.limit)
+        distance = distance if 0.0 < distance < np.inf else abs(entry.limit) or 1.0
+        value = entry.limit + distance if entry.is_maximum else entry.limit - distance
+        values[entry.quantity] = value
+        parts = table[entry.quantity].norm_of
+        values |= {part: value if part == parts[0] else 0.0 for part in parts}
+        values |= {name: value for name, quantity in table.items() if quantity.part_of == entry.quantity}
+    return values

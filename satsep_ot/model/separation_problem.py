@@ -215,7 +215,7 @@ class SeparationProblem(OpenTURNSObject):
         requirements = self._requirements(requirement)
         names, smooth_names = self._component_names(requirements)
         # Not getMarginal, whose Hessian has no diagonal in OpenTURNS 1.27: SORM would be wrong.
-        function = ot.Function(SeparationFunction(self._case, quantities=names))
+        function = ot.Function(SeparationFunction(self._case, quantities=names, countsEndings=True))
 
         def compose(variables, exact):
             values = [self._quantity(entry.quantity, variables, exact) for entry in requirements]

@@ -256,7 +256,7 @@ def most_likely_violation(
     distribution = problem.getDistribution()
     transformation = distribution.getIsoProbabilisticTransformation()
     inverse = distribution.getInverseIsoProbabilisticTransformation()
-    model = SeparationFunction(problem.getCase(), quantities=[entry.quantity])
+    model = SeparationFunction(problem.getCase(), quantities=[entry.quantity], countsEndings=True)
 
     def violation(standard):
         # A design point lies on the limit, on either side of it within rounding: the first step beyond is a violation.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import openturns as ot
 
+from satsep_ot.dynamics.kernels.deck import PENETRATION_LIMIT
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.storage import syncDirectory
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
@@ -24,6 +25,8 @@ from satsep_ot.studies.telling.plain_data import dataclass_from_plain
 BLOCK = 1024
 # The outputs of so many runs are kept in a file: about 100 bytes a run.
 LARGEST_FILE = 10_000_000
+# No requirement has this name, which is longer than any.
+SUNK = "the satellite sinks into the deck " + "." * 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -62,6 +65,8 @@ class SampleSummary:
         By requirement.
     inputs, outputs : tuple of str
         Their names with units.
+    sunk : int
+        Runs in which the satellite sinks into the deck, which violate every requirement.
     """
 
     seconds: float
@@ -75,6 +80,7 @@ class SampleSummary:
     limits: dict[str, SampleLimit]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    sunk: int = 0
 
     @staticmethod
     def from_plain(data: dict[str, Any]) -> "SampleSummary":
@@ -122,14 +128,16 @@ def run_sample(
     """
     progress("compiling the simulator, once", 0.0)
     case, distribution = problem.getCase(), problem.getDistribution()
-    model = SeparationFunction(case)
-    model.evaluate([distribution.getMean()])
+    model = SeparationFunction(case, countsEndings=True)
+    # The run of the means must separate: nothing else of a study would mean anything.
+    SeparationFunction(case).evaluate([distribution.getMean()])
     stream = MonteCarloStream(model, distribution, size)
     stream.setEvents(
         {
             entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit)
             for entry in problem.getRequirements()
         }
+        | {SUNK: ("deck_height", ot.Less(), -1e3 * PENETRATION_LIMIT)}
     )
     stream.setBlockSize(BLOCK)
     stream.setExecutor(executor)
@@ -161,6 +169,7 @@ def run_sample(
         deviation=tuple(result.getStandardDeviation()),
         violations={name: result.getEventNumber(name) for name in problem.getRequirementNames()}
         | {SYSTEM: result.getEventNumber()},
+        sunk=result.getEventNumber(SUNK),
         limits={
             entry.name: SampleLimit(columns.index(entry.quantity), entry.is_maximum, entry.limit)
             for entry in problem.getRequirements()

@@ -309,7 +309,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
                 distribution = self._problem.getDistribution()
                 size = min(_DRAWN, self._sampleSize)
                 inputs = sample_inputs(distribution, self._summary.seed, self._sampleSize, size)
-                self._sample = SeparationFunction(self._problem.getCase()).evaluate(inputs)
+                self._sample = SeparationFunction(self._problem.getCase(), countsEndings=True).evaluate(inputs)
 
     def _runSample(self, path):
         checkpoint = None
@@ -343,7 +343,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def _runGradients(self, names, distribution):
         self._start("subspaces")
-        model = SeparationFunction(self._problem.getCase(), quantities=names)
+        model = SeparationFunction(self._problem.getCase(), quantities=names, countsEndings=True)
         points, values, gradients = sample_gradients(model, distribution, self._gradientSize)
         inputs = np.array(distribution.getInverseIsoProbabilisticTransformation()(ot.Sample(points)))
         labels = model.getInputDescription(), model.getOutputDescription()
@@ -573,12 +573,13 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             diagnostics={name: Diagnostics.of(result) for name, result in self._results.items()},
             correlated=case.copula is not None,
             assumptions=tuple(assumptions(case)),
+            sunk=None if self._summary is None else self._summary.sunk,
         )
 
     def _quantities(self, inputs):
         """Every quantity of one run, by name."""
         case = self._problem.getCase()
-        values = SeparationFunction(case).evaluate(np.asarray(inputs)[None])[0]
+        values = SeparationFunction(case, countsEndings=True).evaluate(np.asarray(inputs)[None])[0]
         return dict(zip(quantity_table(case.separation), values.tolist(), strict=True))
 
     def getComponents(self) -> dict[str, Component]:

@@ -18,8 +18,17 @@ from satsep_ot.dynamics.kernels.constants import (
     initial_state_adjoint,
     mounting_error_adjoint,
 )
+from satsep_ot.dynamics.kernels.deck import deck_height_adjoint, starts_below
 from satsep_ot.dynamics.kernels.envelope import AT_EXIT, AT_START, INSIDE, clearance_adjoint
-from satsep_ot.dynamics.kernels.integration import EIGHTH_ORDER, FIRST, SECOND, copy_state, stages, step_adjoint
+from satsep_ot.dynamics.kernels.integration import (
+    EIGHTH_ORDER,
+    FIRST,
+    SECOND,
+    copy_state,
+    full_step,
+    stages,
+    step_adjoint,
+)
 from satsep_ot.dynamics.kernels.records import LANES, STATE_SIZE, Gradients
 from satsep_ot.dynamics.kernels.run import NOTHING, PUSH_STARTS, RELEASE
 from satsep_ot.dynamics.kernels.springs import (
@@ -34,8 +43,8 @@ from satsep_ot.dynamics.kernels.springs import (
 from satsep_ot.dynamics.kernels.vectors import add, clear, clear_rows, rotation, rotation_adjoint
 
 # Which number of a run is differentiated: one of the state at the last release, its time, the smallest clearance, the
-# clearance of one point at its exit; or none.
-STATE_OUTPUT, TIME_OUTPUT, CLEARANCE_OUTPUT, EXIT_OUTPUT, NO_OUTPUT = integers(0, 1, 2, 3, 4)
+# clearance of one point at its exit, the smallest height over the deck; or none.
+STATE_OUTPUT, TIME_OUTPUT, CLEARANCE_OUTPUT, EXIT_OUTPUT, NO_OUTPUT, DECK_OUTPUT = integers(0, 1, 2, 3, 4, 5)
 
 
 @kernel
@@ -46,7 +55,7 @@ def sweep_run(outputs, last, parameters, run, sweep, gradients):
     """
     chain = sweep.chain
     begin_sweep(run, sweep)
-    for index in range(last_index(last, run), -1, -1):
+    for index in range(last_index(outputs, last, run), -1, -1):
         if index == last:
             for n in range(LANES):
                 if outputs[n].kind == STATE_OUTPUT:
@@ -71,8 +80,11 @@ def sweep_run(outputs, last, parameters, run, sweep, gradients):
 
 
 @kernel
-def last_index(last, run):
-    """Index of the last state of the tape that matters: steps behind the last release matter only to exits."""
+def last_index(outputs, last, run):
+    """Index of the last state of the tape that matters: steps behind the last release matter to exits and heights."""
+    for n in range(LANES):
+        if outputs[n].kind == DECK_OUTPUT and run.system.deck.step > last:
+            last = run.system.deck.step
     for i in range(run.points.shape[0]):
         if run.points[i].exit_base > last:
             last = run.points[i].exit_base
@@ -127,6 +139,19 @@ def branch_adjoint(outputs, index, step, run, sweep):
                 clearance_adjoint(closest.state, closest.point, n, INSIDE, run, sweep, chain.branch)
         if used:
             step_adjoint(EIGHTH_ORDER, tape.time, tape.state, closest.length, run, sweep, chain.branch)
+            add(chain.state, chain.branch)
+    deck = run.system.deck
+    if deck.step == step and index == step and deck.length != 0.0:
+        used = False
+        for n in range(LANES):
+            if outputs[n].kind == DECK_OUTPUT:
+                if not used:
+                    clear(chain.branch)
+                    full_step(deck.method, tape.time, tape.state, deck.length, run, run.step.other)
+                used = True
+                deck_height_adjoint(run.step.other, n, 1.0, run, sweep, chain.branch)
+        if used:
+            step_adjoint(deck.method, tape.time, tape.state, deck.length, run, sweep, chain.branch)
             add(chain.state, chain.branch)
 
 
@@ -186,6 +211,12 @@ def end_sweep(outputs, parameters, run, sweep, gradients):
         for n in range(LANES):
             if outputs[n].kind == CLEARANCE_OUTPUT:
                 clearance_adjoint(state, closest.point, n, INSIDE, run, sweep, chain.state)
+    # The height counts from that at the start where this is below the deck, and may be that at the start.
+    factor = 1.0 if run.system.deck.length == 0.0 else 0.0
+    factor -= 1.0 if starts_below(run) else 0.0
+    for n in range(LANES):
+        if outputs[n].kind == DECK_OUTPUT and factor != 0.0:
+            deck_height_adjoint(state, n, factor, run, sweep, chain.state)
     for i in range(run.springs.shape[0]):
         if run.springs[i].is_pushing:
             collect_sums(i, 1.0, run, sweep)

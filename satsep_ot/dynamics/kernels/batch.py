@@ -6,10 +6,11 @@ from numba import njit
 
 from satsep_ot.dynamics.kernels.adjoint import sweep_run
 from satsep_ot.dynamics.kernels.compilation import KERNEL, SOURCE_DIGEST, entry_point, kernel
+from satsep_ot.dynamics.kernels.deck import set_notice
 from satsep_ot.dynamics.kernels.integration import copy_state, forget_slopes
 from satsep_ot.dynamics.kernels.records import LANES, Gradients, Parameters, Run, Sweep
 from satsep_ot.dynamics.kernels.run import fly
-from satsep_ot.dynamics.kernels.status import OK
+from satsep_ot.dynamics.kernels.status import OK, PENETRATION
 
 
 # Numba returns no records: these two become part of the functions that call them.
@@ -67,12 +68,13 @@ def _entry_points(source_digest: int) -> Any:
     @entry_point
     def run_rows(
         first, end, keep, rows, orbit, attitude, horizon, tolerance, stops, buffers, results, exit_clearances,
-        release_time, status, steps, last, states,
+        release_time, status, steps, last, states, notices,
     ):  # fmt: skip
         """Rows first to end - 1 of the parameters, one after the other; with keep = 1 each in a slot of its own.
 
         Writes a RESULT for each, the clearances of its points at their exits (n, E), release times (n, N), status,
-        number of steps and the index of the tape's state at the last release, and the states at the times `stops`.
+        number of steps and the index of the tape's state at the last release, the states at the times `stops`, and a
+        NOTICE.
         """
         digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
         for row in range(first, end):
@@ -87,6 +89,9 @@ def _entry_points(source_digest: int) -> Any:
             copy_state(end_of_push.state, result.state)
             result.time = end_of_push.time
             result.clearance = run.system.closest.clearance
+            result.deck_height = run.system.deck.height
+            if status[row] == PENETRATION:
+                set_notice(notices[row], run)
             for i in range(run.points.shape[0]):
                 exit_clearances[row, i] = run.points[i].exit_clearance
 

@@ -91,6 +91,7 @@ def set_springs(parameters, run):
     arm_2 = 0.0
     deformation = 0.0
     shortest = np.inf
+    run.system.ring_radius = -1.0
     for i in range(run.springs.shape[0]):
         given, spring = parameters.springs[i], run.springs[i]
         cos_a, sin_a = math.cos(given.angle), math.sin(given.angle)
@@ -108,6 +109,9 @@ def set_springs(parameters, run):
         spring.delay = given.delay
         spring.scale = given.scale
         spring.release_stroke = given.stroke
+        if given.radius > run.system.ring_radius:
+            run.system.ring_radius = given.radius
+            run.system.ring_spring = i
         reach = given.stroke
         if spring.has_stiffness:
             # It pushes until it is relaxed.
@@ -290,6 +294,8 @@ def constants_adjoint(parameters, run, sweep, n, gradient):
         out.angle = spring.radius * (cos_a * by_seat[2] - sin_a * by_seat[0])
         out.angle -= sin_b * (cos_a * by_n[0] + sin_a * by_n[2])
         out.radius = cos_a * by_seat[0] + sin_a * by_seat[2]
+        if i == run.system.ring_spring:
+            out.radius += constants.ring_radius[n]
         out.stiffness = adjoint.stiffness[n]
         out.deformation = adjoint.deformation[n]
         out.stroke = 0.0

@@ -140,6 +140,26 @@ CLOSEST = record(
     ("state", STATE),
 )
 
+# A part of the satellite's foot over the deck: see `deck`.
+FOOT = record(
+    ("height", NUMBER),  # where the current step ends [m]
+    ("rate", NUMBER),  # of it [m/s]
+    ("start", NUMBER),  # height at t = 0, at most 0, from which the others count
+)
+
+# How near the satellite comes to the deck.
+DECK = record(
+    ("edge", FOOT),  # of the ring
+    ("reach", NUMBER),  # how far the foot reaches from the ring's centre [m]
+    ("rise", NUMBER),  # rate at which all of it rises at least where the current step starts [m/s]
+    # The lowest height so far: of what, and the step to it.
+    ("height", NUMBER),
+    ("what", INTEGER),
+    ("step", INTEGER),
+    ("length", NUMBER),
+    ("method", INTEGER),
+)
+
 # What the motion depends on beside time and state.
 SYSTEM = record(
     ("platform", BODY),
@@ -149,6 +169,8 @@ SYSTEM = record(
     ("guide_friction", NUMBER),
     ("recess_radius", NUMBER),
     ("recess_depth", NUMBER),
+    ("ring_radius", NUMBER),  # largest radius of a spring
+    ("ring_spring", INTEGER),  # that has it
     ("force_line", INTEGER),
     ("has_stowed_length", INTEGER),  # whether the springs of this force line have one
     ("gravity", INTEGER),
@@ -158,6 +180,7 @@ SYSTEM = record(
     ("number_in_sums", INTEGER),  # of the springs that push now
     ("number_beside", INTEGER),  # and of those whose force is computed by itself
     ("closest", CLOSEST),
+    ("deck", DECK),
 )
 
 MOTION = record(("position", *VECTOR), ("velocity", *VECTOR))
@@ -172,6 +195,7 @@ POINT = record(
     ("exit_clearance", NUMBER),
     ("exit_state", STATE),
     ("start", MOTION),  # where the current step starts
+    ("foot", FOOT),
 )
 
 # A plane wall: free is where normal . r >= offset, with r from the platform's ring centre.
@@ -216,6 +240,7 @@ PROGRESS = record(
     ("last", INTEGER),  # that at the last release
     ("to_release", INTEGER),
     ("inside", INTEGER),  # points that are still in the recess
+    ("watching", INTEGER),  # whether the satellite may still come near the deck
     ("stop", INTEGER),  # next of the times asked for
     # The next boundary, which no step may cross, and what happens there.
     ("boundary", NUMBER),
@@ -239,8 +264,16 @@ RESULT = named(
     ("state", STATE),  # at the last release
     ("time", NUMBER),  # of it [s]
     ("clearance", NUMBER),  # smallest one of all points
+    ("deck_height", NUMBER),  # smallest one over the deck
 )
 RESULT_SIZE = RESULT["x"].shape[0]
+
+# When and where the satellite came nearest to the deck.
+NOTICE = record(
+    ("time", NUMBER),  # [s]
+    ("point", INTEGER),  # of the envelope, -1 for the edge of the ring
+    ("angle", NUMBER),  # of the place on the ring's edge, as that of a spring
+)
 
 
 class Run(NamedTuple):
@@ -296,6 +329,7 @@ CONSTANTS_ADJOINT = named(
     ("guide_friction", NUMBER, _LANE),
     ("recess_radius", NUMBER, _LANE),
     ("recess_depth", NUMBER, _LANE),
+    ("ring_radius", NUMBER, _LANE),
     ("sums", COLUMN_ADJOINT, SUM_COLUMNS),
     lanes=_LANE,
 )

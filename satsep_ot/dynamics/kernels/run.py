@@ -12,6 +12,7 @@ import numpy as np
 
 from satsep_ot.dynamics.kernels.compilation import inline, integers, kernel, larger, smaller
 from satsep_ot.dynamics.kernels.constants import set_constants
+from satsep_ot.dynamics.kernels.deck import PENETRATION_LIMIT, begin_watch, foot_is_clear, watch_deck
 from satsep_ot.dynamics.kernels.envelope import enter_recess, follow_points, time_until_the_last_exit
 from satsep_ot.dynamics.kernels.force_laws import next_knot
 from satsep_ot.dynamics.kernels.gravity import ANCHOR_LIFE, move_anchor
@@ -45,7 +46,6 @@ from satsep_ot.dynamics.kernels.vectors import norm
 
 # What a step may err, as a share of what the run may: rates that the push nearly cancels, struts that turn fast.
 STEP_MARGIN = 0.1
-PENETRATION_LIMIT = 1e-3  # m
 # Of both bodies together in a step on the way out of the recess [rad]: 3 of 20,000 tumblers in a test still missed a
 # nearest point at 0.5.
 LARGEST_TURN = 0.3
@@ -75,13 +75,16 @@ def fly(parameters, orbit, attitude, stops, horizon, tolerance, run, release_tim
             record_step(run)
             visit_stops(run, stops, stop_states)
             pass_event(run, release_time)
+    if run.system.deck.height < -PENETRATION_LIMIT and status != INVALID_PARAMETERS and status != NO_SPRING:
+        # It is why a run does not end, too.
+        return PENETRATION
     return status
 
 
 @inline
 def is_under_way(progress):
-    """Is a spring still to be released, or a point still in the recess?"""
-    return progress.to_release > 0 or progress.inside > 0
+    """Is a spring still to be released, a point in the recess, or may the satellite still come near the deck?"""
+    return progress.to_release > 0 or progress.inside > 0 or progress.watching > 0
 
 
 @kernel
@@ -109,6 +112,8 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time):
         return NO_SPRING
     forget_slopes(run.step)
     progress.inside = enter_recess(run)
+    progress.watching = 1
+    begin_watch(run)
     return OK
 
 
@@ -156,8 +161,6 @@ def predict_release(run):
         spring = run.springs[i]
         if spring.is_pushing:
             s, rate, acceleration = stroke_motion(step.stage[0], step.slope[0], system, spring)
-            if s < -PENETRATION_LIMIT:
-                return PENETRATION
             square += spring.scale * spring.stiffness * system.inverse_reduced_mass
             if spring.has_table:
                 # Steps that end at a knot of its table keep their order.
@@ -226,9 +229,10 @@ def longest_step(run):
     """As long a step as the error control, the knots of tables, the exits and the anchor allow [s]."""
     progress = run.progress
     h = progress.next_step
-    if progress.to_release == 0 and progress.inside > 0:
-        # Coasting: end the step where the last point is about to leave the recess.
-        h = smaller(h, 1.0001 * time_until_the_last_exit(run) + 1e-9)
+    if progress.to_release == 0 and (progress.inside > 0 or progress.watching > 0):
+        if progress.inside > 0:
+            # Coasting: end the step where the last point is about to leave the recess.
+            h = smaller(h, 1.0001 * time_until_the_last_exit(run) + 1e-9)
         # So that a point of a tumbling body turns back once at most in a step, from the plane or from a wall.
         h = smaller(h, progress.longest_turn)
     h = smaller(h, progress.knot_in)
@@ -388,6 +392,8 @@ def record_step(run):
     tape.event = progress.event
     tape.spring = progress.spring
     copy_state(run.step.end, run.tape[progress.step + 1].state)
+    if progress.watching > 0:
+        watch_deck(progress.step, run)
     if progress.inside > 0:
         progress.inside -= follow_points(progress.step, run)
 
@@ -421,6 +427,11 @@ def pass_event(run, release_time):
         progress.last = progress.step
         if progress.to_release == 0:
             begin_coast(progress, run.tape[progress.step].state)
+    if progress.watching > 0 and progress.to_release == 0:
+        # What else is asked for may go on until the horizon; the watch ends there.
+        over = progress.time >= progress.horizon or progress.step >= MAXIMUM_STEPS
+        if over or foot_is_clear(run.tape[progress.step].state, run):
+            progress.watching = 0
 
 
 @kernel

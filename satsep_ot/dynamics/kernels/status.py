@@ -29,8 +29,7 @@ _SENTENCES = {
     Status.STEP_UNDERFLOW: "the step size fell below the resolution of time: the motion is too violent or not finite",
     Status.TOO_MANY_STEPS: "the motion needed more steps than are allowed: it is too violent for the horizon",
     Status.PENETRATION: (
-        "the bodies penetrate each other by more than 1 mm at a spring seat: by a mounting error or an impulse that "
-        "tilts them into each other, or by friction that holds more than the springs push"
+        "the satellite sinks more than 0.1 mm below the deck, where nothing stops it: the case has no contact"
     ),
     Status.INVALID_PARAMETERS: "a parameter is not finite or not physical",
     Status.NO_SPRING: "every spring has failed: nothing pushes the bodies apart",

@@ -28,7 +28,7 @@ _HEAVY_TAIL = 0.7
 _NOT_VALIDATED = (
     "flexible bodies and sloshing",
     "contact other than at the springs' seats (walls hold nothing back: a clearance below 0 is a contact that the run "
-    "ignores)",
+    "ignores; a satellite that sinks into the deck is a violation)",
     "friction that sticks",
     "springs whose own mass matters",
     "runs of many minutes under gravity",
@@ -96,6 +96,12 @@ def limits(result: StudyResult) -> list[str]:
                 f"{requirement}: the weights of the corrections of ActiveSubspace have a heavy tail (Pareto shape "
                 f"{shape:.2f}), so that its interval is not reliable."
             )
+    if result.sunk:
+        sentences.append(
+            f"In {result.sunk:,} of {result.sizes.sample:,} runs of the sample the satellite sinks more than 0.1 mm "
+            "into the deck, which holds nothing back in this case. What the bodies would do then is not known: each of "
+            "these runs counts as a violation of every requirement."
+        )
     sentences += unseen_regions(result)
     if StudyMethod.ACTIVE_SUBSPACE in methods:
         sentences.append(

@@ -366,6 +366,9 @@ class StudyResult:
     assumptions : tuple of str
         What the numbers rest on, a sentence each.
     figures : tuple of FigureFile
+    sunk : int or None
+        Runs of the sample in which the satellite sinks into the deck, which violate every requirement; None where there
+        is no sample.
     """
 
     case: str
@@ -389,6 +392,7 @@ class StudyResult:
     assumptions: tuple[str, ...]
     figures: tuple[FigureFile, ...] = ()
     driver_measures: dict[str, DriverMeasure] = dataclasses.field(default_factory=dict)
+    sunk: int | None = None
 
     def rows_of(self, requirement: str) -> tuple[Estimate, ...]:
         """The estimates of one requirement, or of "any requirement"."""
