@@ -81,6 +81,9 @@ class SeparationFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
     (35, 'satellite_mass [kg]', 'axial_velocity [m/s]')
     """
 
+    # Functions that version 0.1.0 saved have none.
+    _violating: dict[str, float] | None = None
+
     def __init__(
         self,
         case: Case | str | str | os.PathLike = "reference",

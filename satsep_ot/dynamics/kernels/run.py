@@ -392,7 +392,7 @@ def record_step(run):
     tape.event = progress.event
     tape.spring = progress.spring
     copy_state(run.step.end, run.tape[progress.step + 1].state)
-    if progress.watching > 0:
+    if progress.watching > 0 and progress.h > 0.0:
         watch_deck(progress.step, run)
     if progress.inside > 0:
         progress.inside -= follow_points(progress.step, run)
