@@ -25,3 +25,8 @@ name = "rolling"
 quantity = "spin"
 maximum = 1.0
 """
+# Of requirements and inputs, each of which something would take for more than a text.
+ODD_NAMES = (
+    r"$\undefined$", r"a_b%c&d\e", "$5", "{x}", "[/bold] :rocket:", "<b>&amp;", "\N{ROCKET}\N{ZERO WIDTH JOINER}x",
+    "שלום", "مرحبا", "宇宙", "é" * 50,
+)  # fmt: skip

@@ -1,9 +1,11 @@
 """Figures: what they show, that one can read them, and that nothing global changes."""
 
+import html
 import io
 import itertools
 import subprocess
 import sys
+import warnings
 from functools import partial
 
 import numpy as np
@@ -12,6 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 from separation_cases import general_separation, symmetric_separation
+from small_cases import ODD_NAMES
 
 from satsep_ot.dynamics.separation import ForceLine, Springs, umbilical
 from satsep_ot.dynamics.simulation import simulate
@@ -351,3 +354,27 @@ def test_pins_of_a_connector_are_not_drawn_as_a_spring():
     np.testing.assert_allclose(leaving.get_ydata(), [6.0], rtol=1e-8)
     run = animation_data(separation, {"nominal": separation.parameters()})["runs"]["nominal"]
     assert len(run["seats"]) == len(run["releases"]) == 5
+
+
+@pytest.mark.parametrize("form", ["svg", "png", "pdf"])
+def test_names_are_drawn_as_they_are(form, tmp_path):
+    shares = {name: 1.0 / len(ODD_NAMES) for name in ODD_NAMES}
+    bars = [figures.ProbabilityBar(name, 1e-3, message=name) for name in ODD_NAMES]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for number, name in enumerate(ODD_NAMES):
+            for ax in (
+                figures.draw_shares(shares, title=name, label=name, largest=20),
+                figures.draw_probabilities(bars, title=name),
+                figures.draw_density([1.0, 2.0], label=f"spin ({name})"),
+            ):
+                figures.save_figure(ax.figure, tmp_path / f"{number}.{form}")
+            if form == "svg" and not name.isascii() and not name.startswith("é"):
+                text = html.unescape((tmp_path / f"{number}.svg").read_text(encoding="utf-8"))
+                assert f"spin ({name})" in text
+
+
+def test_plain_names_are_drawn_as_outlines_as_ever(tmp_path):
+    path = tmp_path / "plain.svg"
+    figures.save_figure(figures.draw_shares({"mass": 1.0}, title="§ été $5").figure, path)
+    assert "<text" not in path.read_text(encoding="utf-8")

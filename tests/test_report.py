@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_cases import MASS_AND_RATE, SMALL
+from small_cases import MASS_AND_RATE, ODD_NAMES, ROLLING, SMALL
 
 from satsep_ot import cli
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.separation_study import SeparationStudy
-from satsep_ot.studies.telling.document import ReportError
+from satsep_ot.studies.telling.document import ReportError, read_results
 from satsep_ot.studies.telling.remarks import COVERAGE
 from satsep_ot.studies.telling.report import render_report, write_report
 from satsep_ot.studies.telling.words import probability_text
@@ -395,3 +395,34 @@ def test_intervals_that_do_not_overlap_are_told_at_the_top(directory, results, t
     (copy / "results.json").write_text(json.dumps({**results, "rows": apart}), encoding="utf-8")
     top = visible_text(render_report(copy)).split("The answer")[0]
     assert re.search(r"But the intervals of ActiveSubspace \(.*\) and MonteCarlo \(.* to 1\) do not overlap\.", top)
+
+
+def odd_names_study(directory):
+    requirements = "".join(
+        ROLLING.replace('"rolling"', json.dumps(name, ensure_ascii=False))
+        + f"allowed_probability = 1e-{2 + place % 4}\n"
+        for place, name in enumerate(ODD_NAMES)
+    )
+    study = SeparationStudy(
+        SeparationProblem(parse_case(SMALL + MASS_AND_RATE + requirements)), ["MonteCarlo"], 0, 2000, 30
+    )
+    study.setDirectory(directory)
+    study.run()
+    return study
+
+
+def test_names_stand_in_the_report_as_they_are(tmp_path):
+    study = odd_names_study(tmp_path)
+    page = html.unescape(study.save()[-1].read_text(encoding="utf-8"))
+    names = [row["name"] for row in json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))["requirements"]]
+    assert names == list(ODD_NAMES)
+    for name in ODD_NAMES:
+        assert f">{name}<" in page
+
+
+def test_a_figure_that_cannot_be_drawn_does_not_lose_the_numbers(tmp_path, monkeypatch):
+    study = odd_names_study(tmp_path)
+    monkeypatch.setattr("satsep_ot.studies.telling.panels.Panel.write", None)
+    with pytest.raises(TypeError):
+        study.save()
+    assert read_results(tmp_path / "results.json").complete

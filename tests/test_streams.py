@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 import pytest
-from small_cases import MASS_AND_RATE, ROLLING, SMALL
+from small_cases import MASS_AND_RATE, ODD_NAMES, ROLLING, SMALL
 
 from satsep_ot.commands.printing import console, fail, progress
 from satsep_ot.model.case import CaseError, load_case, parse_case
@@ -102,19 +102,13 @@ def test_names_are_one_line_without_control_characters(name):
             parse_case(text)
 
 
-NAMES = (
-    r"$\\undefined$", "a_b%c&d\\\\e", "$5", "{x}", "[/bold] :rocket:", "<b>&amp;", "\N{ROCKET}\N{ZERO WIDTH JOINER}x",
-    "שלום", "مرحبا", "宇宙", "é" * 50,
-)  # fmt: skip
-
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ODD_NAMES)
 def test_names_are_printed_as_they_are(name, tmp_path, capsys, monkeypatch):
     from satsep_ot.commands.case_tables import print_case
     from satsep_ot.model.check_document import check_case
 
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
-    case = parse_case(rolling(name))
+    case = parse_case(rolling(name.replace("\\", "\\\\")))
     print_case(console(), check_case(case), "mine.toml")
     with progress() as show:
         show(case.requirements[0].name, 0.5)

@@ -2,9 +2,12 @@
 
 import argparse
 import importlib.util
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
+
+from satsep_ot.model.text import parsed_number
 
 CASE_HELP = "a case file, or the name of a case in the package"
 
@@ -49,17 +52,14 @@ def _workers(text):
 
 
 def _between(text, least, most, what):
-    try:
-        value = float(text)
-    except ValueError:
-        value = least - 1.0
+    value = parsed_number(text)
     if not least <= value <= most:
         raise argparse.ArgumentTypeError(f"{text} is no {what}: it must be a number between {least:g} and {most:g}")
     return value
 
 
 def _whole(text, least, most):
-    if not text.isdecimal() or not least <= int(text) <= most:
+    if not re.fullmatch("[0-9]{1,20}", text) or not least <= int(text) <= most:
         raise argparse.ArgumentTypeError(f"{text} must be a whole number between {least} and {most}")
     return int(text)
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from satsep_ot.model.printable import printable
+from satsep_ot.model.text import printable
 
 COMPILING = "compiling the simulator, which the first run of all does once ..."
 

@@ -23,6 +23,7 @@ from satsep_ot.model.reading.separation import read_separation
 from satsep_ot.model.reading.table import CaseError, Table, tables
 from satsep_ot.model.requirement import SYSTEM, Requirement
 from satsep_ot.model.spelling import did_you_mean
+from satsep_ot.model.text import read_text_file
 
 __all__ = [
     "SYSTEM", "Case", "CaseError", "Requirement", "load_case", "load_uncertain_case", "new_case_text", "parse_case",
@@ -30,6 +31,9 @@ __all__ = [
 ]  # fmt: skip
 
 _LONGEST_FILE = 4_000_000  # characters
+_MOST_PARTS = 100  # of a key
+_PART = r"""(?:[A-Za-z0-9_-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_LONG_KEY = re.compile(rf"(?<![A-Za-z0-9_-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_MOST_PARTS},}}+")
 
 
 @dataclass(frozen=True)
@@ -136,20 +140,15 @@ def load_case(source: str | os.PathLike | Case = "reference") -> Case:
         return parse_case(text, f"{source}.toml")
     path = Path(source)
     try:
-        with path.open(encoding="utf-8") as stream:
-            text = stream.read(_LONGEST_FILE + 1)
+        text = read_text_file(path, _LONGEST_FILE)
     except FileNotFoundError as error:
         shipped = ", ".join(shipped_cases())
         raise CaseError(
             f"{path}: there is no such file, and no case of that name in the package ({shipped})"
             f"{did_you_mean(str(path), shipped_cases())}"
         ) from error
-    except UnicodeDecodeError as error:
-        raise CaseError(f"{path}: the file is not UTF-8 text, as TOML must be") from error
-    except (OSError, ValueError) as error:
-        raise CaseError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    if len(text) > _LONGEST_FILE:
-        raise CaseError(f"{path}: the file has more than {_LONGEST_FILE} characters, which no case needs")
+    except ValueError as error:
+        raise CaseError(str(error)) from error
     return parse_case(text, str(path))
 
 
@@ -209,11 +208,7 @@ def parse_case(text: str, file: str = "case") -> Case:
     ...     print(error)
     mine.toml: platform.mas is not a known key; did you mean 'mass'?
     """
-    try:
-        data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, ValueError, RecursionError) as error:
-        reason = "tables or arrays are nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise CaseError(f"{file}: not valid TOML: {reason}") from error
+    data = _toml(text, file)
     top = Table(file, TABLES[""], data, inner=[name for name in TABLES if name and "." not in name])
     files: dict[str, str] = {}
     separation = read_separation(top, files)
@@ -230,3 +225,19 @@ def parse_case(text: str, file: str = "case") -> Case:
         text=text,
         files=files,
     )
+
+
+def _toml(text, file):
+    """What a text in TOML says."""
+    # The time and memory of tomllib grow with the square of the parts of a key.
+    if _LONG_KEY.search(text):
+        raise CaseError(f"{file}: a key has more than {_MOST_PARTS} parts with dots between them, which no case needs")
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        reason = str(error)
+    except RecursionError:
+        reason = "tables or arrays are nested too deep"
+    except ValueError:
+        reason = "a whole number has more digits than any number of a case"
+    raise CaseError(f"{file}: not valid TOML: {reason}")

@@ -5,10 +5,10 @@ import io
 import math
 import os
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
+from satsep_ot.model.text import parsed_number, read_text_file
 from satsep_ot.model.values import is_numbers
 
 _MAXIMUM_ROWS = 1000
@@ -40,23 +40,12 @@ def force_table_text(path: str | os.PathLike) -> str:
     ...     force_table_text(".")
     ... except ValueError as error:
     ...     print(error)
-    .: the file cannot be read (Is a directory)
+    .: it is a directory; give a regular file
     """
-    path = Path(path)
     try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            text = stream.read(_LONGEST_FILE + 1)
+        return read_text_file(path, _LONGEST_FILE, newline="")
     except FileNotFoundError as error:
         raise ValueError(f"{path}: there is no such file") from error
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: the file is not UTF-8 text") from error
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
-    if len(text) > _LONGEST_FILE:
-        raise ValueError(
-            f"{path}: the file has more than {_LONGEST_FILE} characters, which no force-stroke table needs"
-        )
-    return text
 
 
 def parse_force_table(text: str, where: str) -> np.ndarray:
@@ -96,12 +85,12 @@ def parse_force_table(text: str, where: str) -> np.ndarray:
     if not lines:
         raise ValueError(f"{where}: the file is empty; it must have {_HEADER} and two or more rows")
     number, header = lines[0]
-    if not any(math.isnan(_parsed(cell)) for cell in header):
+    if not any(math.isnan(parsed_number(cell)) for cell in header):
         raise ValueError(
             f"{where}: row {number} = '{_on_one_line(','.join(header))}' holds numbers; it must be {_HEADER}"
         )
     return checked_force_table(
-        [[_parsed(cell) for cell in cells] for _, cells in lines[1:]],
+        [[parsed_number(cell) for cell in cells] for _, cells in lines[1:]],
         where,
         [number for number, _ in lines[1:]],
         [_on_one_line(",".join(cells)) for _, cells in lines[1:]],
@@ -168,10 +157,3 @@ def checked_force_table(
 def _on_one_line(text):
     """A row as a message quotes it."""
     return "".join(character if character.isprintable() else "?" for character in text[:60])
-
-
-def _parsed(cell):
-    try:
-        return float(cell)
-    except ValueError:
-        return math.nan

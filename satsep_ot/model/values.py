@@ -15,7 +15,7 @@ from satsep_ot.dynamics.kernels.records import LARGEST
 from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.rotations import quaternion_from_euler_angles
 from satsep_ot.model.distributions import distribution_names
-from satsep_ot.model.printable import is_printable
+from satsep_ot.model.text import is_printable
 
 MAXIMUM_SPRINGS = 1000
 

@@ -623,6 +623,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             raise RuntimeError("the study has not run to its end: call run() first, or saveRows() for what there is")
         taken = self._takeDirectory(directory)
         result, paths, entries = self.getResult(), [], []
+        # Whatever becomes of the figures, the numbers are there.
+        _writeResults(taken, results_document(result))
         for panel in study_panels(result, self._drawnRuns()):
             path = taken.folder("figures") / (file_stem([panel.section, panel.name]) + ".svg")
             paths.append(writeWhole(path, panel.write))

@@ -15,6 +15,7 @@ from satsep_ot.model.inputs import Target, UncertainInput, check_range, nominal_
 from satsep_ot.model.parameters import INPUT, SCATTER_KEYS
 from satsep_ot.model.reading.table import CaseError, Table, example_of, shown, shown_key
 from satsep_ot.model.spelling import did_you_mean
+from satsep_ot.model.text import parsed_number
 from satsep_ot.model.values import Name, Number, Unit
 
 
@@ -166,12 +167,7 @@ def _scatter_size(table, kind, unit, reference):
 
 def _percent(value):
     """The number of a percentage; NaN if there is none before the sign, None if it is no percentage."""
-    if not isinstance(value, str) or not value.endswith("%"):
-        return None
-    try:
-        return float(value[:-1])
-    except ValueError:
-        return math.nan
+    return parsed_number(value[:-1]) if isinstance(value, str) and value.endswith("%") else None
 
 
 def _input_names(table, name, inputs):

@@ -136,6 +136,8 @@ def _read_file(table, name, files):
     folder = Path(table.file).parent
     if Path(name).is_absolute() or ".." in Path(name).parts:
         raise ValueError(f"{name!r} must be in the folder of the case file or below: name it from there, without '..'")
+    if not (folder / name).resolve().is_relative_to(folder.resolve()):
+        raise ValueError(f"{name!r} is a link out of the folder of the case file; put the file itself there")
     if name not in files:
         files[name] = force_table_text(folder / name)
     return parse_force_table(files[name], str(folder / name))

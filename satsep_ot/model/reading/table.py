@@ -137,7 +137,11 @@ def tables(file: str, rows: CaseTable, entries: Any, path: str, one: bool = Fals
 
 def shown(value: Any) -> str:
     """A value as a message quotes it: on one line, and not too much of it."""
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:
+        # Python writes no number of more than some thousand digits.
+        text = "a number of very many digits"
     return text if len(text) <= 60 else text[:57] + "..."
 
 

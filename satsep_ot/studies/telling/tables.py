@@ -7,7 +7,7 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from satsep_ot.model.printable import printable
+from satsep_ot.model.text import printable
 from satsep_ot.studies.telling.advice import tightening_advice
 from satsep_ot.studies.telling.remarks import remarks, unseen_regions
 from satsep_ot.studies.telling.results import StudyResult

@@ -2,11 +2,15 @@
 
 import math
 import os
-from typing import IO
+import unicodedata
+import warnings
+from typing import IO, Any
 
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.font_manager import findfont, get_font
+from matplotlib.text import Text
 
 FONT_SIZE = 11
 DOTS_PER_INCH = 150
@@ -15,6 +19,10 @@ BLACK, GREY, BLUE, ORANGE = "#000000", "#b5b5b5", "#1f5f9f", "#c85a00"
 STYLES = ("-", "--", "-.", ":")
 COLOURS = (BLACK, BLUE, ORANGE, "#5a5a5a")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "<")
+# Of texts that may hold names: matplotlib would take what stands between two dollar signs for mathematics.
+AS_WRITTEN: dict[str, Any] = {"parse_math": False, "usetex": False}
+# Matplotlib draws letters by their outlines, one after the other from the left to the right, with its own font.
+_OUTLINES = "DejaVu Sans"
 
 
 def make_axes(ax: Axes | None = None, size: tuple[float, float] = PANEL_SIZE) -> Axes:
@@ -48,10 +56,10 @@ def label_axes(ax: Axes, horizontal: str, vertical: str, title: str = "") -> Axe
     ax : :class:`matplotlib.axes.Axes`
         The same.
     """
-    ax.set_xlabel(horizontal, fontsize=FONT_SIZE)
-    ax.set_ylabel(vertical, fontsize=FONT_SIZE)
+    ax.set_xlabel(horizontal, fontsize=FONT_SIZE, **AS_WRITTEN)
+    ax.set_ylabel(vertical, fontsize=FONT_SIZE, **AS_WRITTEN)
     if title:
-        ax.set_title(title, fontsize=FONT_SIZE + 1)
+        ax.set_title(title, fontsize=FONT_SIZE + 1, **AS_WRITTEN)
     ax.tick_params(which="both", labelsize=FONT_SIZE)
     ax.grid(True, color="0.88", linewidth=0.8)
     ax.set_axisbelow(True)
@@ -59,7 +67,7 @@ def label_axes(ax: Axes, horizontal: str, vertical: str, title: str = "") -> Axe
 
 
 def quantity_label(name: str, unit: str) -> str:
-    """Name and unit of a quantity, as an axis shows them.
+    """Name and unit of a quantity, as an axis shows them; what stands behind the name is kept as it is.
 
     Examples
     --------
@@ -67,7 +75,8 @@ def quantity_label(name: str, unit: str) -> str:
     >>> quantity_label("axial_velocity", "m/s")
     'axial velocity [m/s]'
     """
-    name = name.replace("_", " ")
+    name, space, rest = name.partition(" ")
+    name = name.replace("_", " ") + space + rest
     return f"{name} [{unit}]" if unit else name
 
 
@@ -124,9 +133,26 @@ def save_figure(figure: Figure, path: str | os.PathLike | IO[bytes], form: str |
     figure : :class:`matplotlib.figure.Figure`
     path : str, path or binary stream
     form : str, optional
-        "png", "svg" or "pdf"; by default what the path ends on.
+        "png", "svg" or "pdf"; by default what the path ends on. In an SVG with a name that matplotlib cannot draw
+        (emoji, Hebrew, Arabic, Chinese) all text is left to the fonts of the reader.
     """
+    is_svg = form == "svg" or str(path).endswith(".svg")
     # Names inside an SVG follow from its content, and nothing in it from the day: the same study, the same file.
-    with matplotlib.rc_context({"svg.hashsalt": "satsep-ot"}):
-        metadata = {"Date": None} if form == "svg" or str(path).endswith(".svg") else None
-        figure.savefig(path, dpi=DOTS_PER_INCH, metadata=metadata, format=form)
+    settings: dict[Any, Any] = {"svg.hashsalt": "satsep-ot", "svg.fonttype": "path"}
+    if not all(_has_outlines(text.get_text()) for text in figure.findobj(Text)):
+        settings["svg.fonttype"] = "none"
+    with matplotlib.rc_context(settings), warnings.catch_warnings():
+        # An outline that is missing only widens the space for its text, or leaves a box in a picture of pixels.
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
+        figure.savefig(path, dpi=DOTS_PER_INCH, metadata={"Date": None} if is_svg else None, format=form)
+
+
+def _has_outlines(text):
+    """Whether matplotlib draws a text as it is written."""
+    if text.isascii():
+        return True
+    outlines = get_font(findfont(_OUTLINES)).get_charmap()
+    return all(
+        character == "\n" or (ord(character) in outlines and unicodedata.bidirectional(character) not in ("R", "AL"))
+        for character in text
+    )

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from satsep_ot.studies.telling.figures.axes import (
+    AS_WRITTEN,
     BLACK,
     COLOURS,
     FONT_SIZE,
@@ -93,7 +94,7 @@ def draw_probabilities(bars: Sequence[ProbabilityBar], ax: Axes | None = None, t
     ax.set_xlim(low, high)
     _set_probability_ticks(ax, low, high)
     ax.set_ylim(len(bars) - 0.4, -0.6)
-    ax.set_yticks(range(len(bars)), [bar.label for bar in bars])
+    ax.set_yticks(range(len(bars)), [bar.label for bar in bars], **AS_WRITTEN)
     ax.tick_params(axis="y", length=0)
     for place, bar in enumerate(bars):
         _draw_bar(ax, place, bar, low)
@@ -102,7 +103,9 @@ def draw_probabilities(bars: Sequence[ProbabilityBar], ax: Axes | None = None, t
 
 def _draw_bar(ax, place, bar, low):
     def write(x, text, **options):
-        ax.text(x, place, text, transform=ax.get_yaxis_transform(), va="center", fontsize=FONT_SIZE, **options)
+        ax.text(
+            x, place, text, transform=ax.get_yaxis_transform(), va="center", fontsize=FONT_SIZE, **AS_WRITTEN, **options
+        )
 
     # The cost beside the axes, in the row of its method.
     write(1.02, bar.cost)

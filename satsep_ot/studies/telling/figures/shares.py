@@ -2,7 +2,7 @@
 
 from matplotlib.axes import Axes
 
-from satsep_ot.studies.telling.figures.axes import BLACK, FONT_SIZE, GREY, PANEL_SIZE, label_axes, make_axes
+from satsep_ot.studies.telling.figures.axes import AS_WRITTEN, BLACK, FONT_SIZE, GREY, PANEL_SIZE, label_axes, make_axes
 
 
 def draw_shares(
@@ -50,7 +50,7 @@ def draw_shares(
     for place, share in zip(places, bars.values(), strict=True):
         ax.text(100.0 * share, place, f" {100.0 * share:.1f}", va="center", fontsize=FONT_SIZE)
     ax.set_xlim(0.0, 115.0 * max(bars.values()))
-    ax.set_yticks(places, [name.replace("_", " ") for name in bars])
+    ax.set_yticks(places, [name.replace("_", " ") for name in bars], **AS_WRITTEN)
     ax.set_ylim(len(bars) - 0.4, -0.6)
     ax.tick_params(axis="y", length=0)
     return ax

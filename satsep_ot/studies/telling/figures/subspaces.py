@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.studies.telling.figures.axes import (
+    AS_WRITTEN,
     BLACK,
     BLUE,
     FONT_SIZE,
@@ -152,6 +153,6 @@ def draw_sufficient_summary(
     ax.clabel(contours, fontsize=FONT_SIZE)
     points = ax.scatter(active[:, 0], active[:, 1], c=values, s=14, cmap="cividis")
     bar = ax.figure.colorbar(points, ax=ax)
-    bar.set_label(quantity_label(label, unit), fontsize=FONT_SIZE)
+    bar.set_label(quantity_label(label, unit), fontsize=FONT_SIZE, **AS_WRITTEN)
     bar.ax.tick_params(labelsize=FONT_SIZE)
     return ax
