@@ -20,6 +20,7 @@ from satsep_ot.methods.subspaces.estimation import (
     subspace_distance,
 )
 from satsep_ot.methods.subspaces.noise import estimate_noise
+from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 
 
 @pytest.fixture(autouse=True)
@@ -877,3 +878,14 @@ def test_a_step_is_no_constant_and_has_no_active_variable():
     assert not result.isConstant()
     with pytest.raises(ValueError, match="all gradients are 0, though the values vary"):
         result.getTransformation()
+
+
+def test_names_of_the_outputs_survive(tmp_path):
+    function = ot.SymbolicFunction(["a", "b"], ["exp(a)", "a + b^2"])
+    function.setOutputDescription(["stress", "gap"])
+    result = result_of(function, ot.Normal(2), setDimension=1)
+    result.save(tmp_path / "subspace.npz")
+    for one in (result, ActiveSubspaceResult.load(tmp_path / "subspace.npz")):
+        assert list(one.getOutputSample().getDescription()) == ["stress", "gap"]
+        assert list(one.getRegressionResult().getMetaModel().getOutputDescription()) == ["stress", "gap"]
+        assert one.drawSufficientSummary(1).getTitle() == "Sufficient summary of gap"

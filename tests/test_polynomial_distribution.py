@@ -1,5 +1,7 @@
 """Laws of polynomials of normals that are known in closed form."""
 
+import pickle
+
 import numpy as np
 import openturns as ot
 import pytest
@@ -187,3 +189,68 @@ def test_an_output_that_is_not_there_is_named():
     for output in (-1, 1):
         with pytest.raises(ValueError, match=f"output must be 0 to 0, got {output}"):
             PolynomialDistribution(regression.getResult(), output)
+
+
+@pytest.mark.parametrize("r", [1, 2, 3])
+def test_an_openturns_distribution_in_all_that_takes_one(r):
+    law = law_of(r, lambda y: (y**2).sum(axis=1))
+    native, reference = law.getDistribution(), ot.ChiSquare(float(r))
+    assert isinstance(native, ot.Distribution)
+    for t in (0.3, 1.0, 4.0):
+        assert native.computeCDF(t) == pytest.approx(reference.computeCDF(t), abs=1e-12)
+        assert native.computePDF(t) == pytest.approx(reference.computePDF(t), rel=1e-9)
+        assert native.computeSurvivalFunction(t) == pytest.approx(reference.computeSurvivalFunction(t), rel=1e-9)
+    assert native.computeQuantile(0.9)[0] == pytest.approx(reference.computeQuantile(0.9)[0], rel=1e-9)
+    assert native.computeQuantile(0.1, True)[0] == pytest.approx(reference.computeQuantile(0.9)[0], rel=1e-9)
+    assert native.getMean()[0] == pytest.approx(r)
+    assert native.getStandardDeviation()[0] == pytest.approx(np.sqrt(2.0 * r))
+    assert native.getSkewness()[0] == pytest.approx(np.sqrt(8.0 / r))
+    assert native.getKurtosis()[0] == pytest.approx(3.0 + 12.0 / r)
+    # E[X^3] of a chi square variable.
+    assert native.getMoment(3)[0] == pytest.approx(r * (r + 2) * (r + 4))
+    assert native.getRange().contains([1.0])
+    assert not native.getRange().contains([-0.1])
+    assert native.drawPDF().getDrawables().getSize() == 1
+    ot.RandomGenerator.SetSeed(1)
+    sample = native.getSample(20000)
+    assert sample.computeMean()[0] == pytest.approx(r, abs=5.0 * np.sqrt(2.0 * r / 20000))
+    assert ot.FittingTest.Kolmogorov(sample[:1000], reference).getPValue() > 1e-3
+    # In a random vector, a joint distribution and a Sobol analysis.
+    joint = ot.JointDistribution([native, ot.Normal()])
+    function = ot.SymbolicFunction(["a", "b"], ["a + b"])
+    outputs = ot.CompositeRandomVector(function, ot.RandomVector(joint)).getSample(20000)
+    assert outputs.computeVariance()[0] == pytest.approx(2.0 * r + 1.0, rel=0.1)
+    indices = ot.SaltelliSensitivityAlgorithm(joint, 4000, function, False).getFirstOrderIndices()
+    assert list(indices) == pytest.approx([2.0 * r / (2.0 * r + 1.0), 1.0 / (2.0 * r + 1.0)], abs=0.1)
+    assert pickle.loads(pickle.dumps(native)).computeCDF(1.0) == native.computeCDF(1.0)
+
+
+def test_arrays_are_taken_value_by_value():
+    law = law_of(1, lambda y: y[:, 0] ** 2)
+    points = np.array([[0.5, 1.0], [2.0, 3.0]])
+    for method in (
+        law.computeCDF,
+        law.computeComplementaryCDF,
+        law.computePDF,
+        law.computeSurvivalFunction,
+        law.computeCDFError,
+    ):
+        values = method(points)
+        assert values.shape == (2, 2)
+        assert values[1, 0] == method(2.0)
+    assert law.computeQuantile([0.1, 0.5]).tolist() == [law.computeQuantile(0.1), law.computeQuantile(0.5)]
+    assert law.computeQuantile([0.1, 0.5], True).tolist() == pytest.approx(law.computeQuantile([0.9, 0.5]).tolist())
+    assert law.drawCDF().getDrawables().getSize() == 1
+
+
+def test_a_constant_polynomial_is_a_dirac_distribution():
+    law = law_of(1, lambda y: np.full(len(y), 2.0), degree=0)
+    assert law.getDistribution().isDiscrete()
+    assert law.getDistribution().getMean()[0] == pytest.approx(2.0)
+    assert law.getMoment(2) == pytest.approx(4.0)
+    with pytest.raises(ValueError, match="constant: it has no skewness"):
+        law.getSkewness()
+    with pytest.raises(ValueError, match=r"order of a moment must be a whole number of at least 0, got 1\.5"):
+        law.getMoment(1.5)
+    with pytest.raises(ValueError, match="level must be in"):
+        law.drawCDF(1.0)

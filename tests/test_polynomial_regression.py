@@ -137,7 +137,7 @@ def test_moments_and_sobol_indices_in_closed_form():
     assert result.getSobolIndex(0) == pytest.approx(4.0 / 13.0)
     assert result.getSobolIndex(1) == pytest.approx(0.0, abs=1e-20)
     assert result.getSobolIndex([1, 2]) == pytest.approx(9.0 / 13.0)
-    assert result.getTotalSobolIndex(1) == pytest.approx(9.0 / 13.0)
+    assert result.getSobolTotalIndex(1) == pytest.approx(9.0 / 13.0)
     np.testing.assert_allclose(np.array(result.getGradientMatrix()), np.diag([4.0, 9.0, 9.0]), atol=1e-12)
 
 
@@ -305,7 +305,7 @@ def test_moments_that_the_law_does_not_have_are_refused(law, degree):
         result.getMean,
         result.getVariance,
         lambda: result.getSobolIndex(0),
-        lambda: result.getTotalSobolIndex(0),
+        lambda: result.getSobolTotalIndex(0),
     ):
         with pytest.raises(ValueError, match=rf"moments of order {2 * degree} do not exist or cannot be computed"):
             ask()
@@ -349,7 +349,7 @@ def test_sobol_indices_take_less_than_the_fit_of_openturns():
     def indices():
         # A new result each time: it keeps what it has found.
         result = copy.deepcopy(regression.getResult())
-        return [result.getTotalSobolIndex(i) for i in range(3)]
+        return [result.getSobolTotalIndex(i) for i in range(3)]
 
     assert time_ratio(indices, ot.LeastSquaresExpansion(inputs, outputs, law, product, size).run) < 1.0
     assert indices() == pytest.approx([0.5576, 0.4424, 0.2437], abs=0.01)
@@ -634,3 +634,41 @@ def test_samples_keep_their_names():
     result = regression.getResult()
     assert list(result.getInputSample().getDescription()) == ["mass", "rate"]
     assert list(result.getMetaModelResult().getOutputSample().getDescription()) == ["sag"]
+
+
+def test_sobol_indices_and_the_native_chaos_result_are_those_of_openturns():
+    law = ot.JointDistribution([*(LAWS["classic"].getMarginal(i) for i in range(3)), ot.Normal(10.0, 0.1)])
+    function = ot.SymbolicFunction(["a", "b", "c", "e"], ["1 + a * b + c^2 * a + e", "b^4 - a^3 * c"])
+    function.setOutputDescription(["load", "gap"])
+    ot.RandomGenerator.SetSeed(3)
+    inputs = law.getSample(300)
+    regression = MultivariatePolynomialRegression(inputs, function(inputs), law)
+    regression.run()
+    result = regression.getResult()
+    native = result.getFunctionalChaosResult()
+    point = [2.0, 1.0, 1.5, 10.1]
+    assert native.getMetaModel()(point) == pytest.approx(np.array(function(point)))
+    assert list(native.getMetaModel().getOutputDescription()) == ["load", "gap"]
+    assert ot.FunctionalChaosRandomVector(native).getMean() == pytest.approx(np.array(result.getMean()))
+    reference = ot.FunctionalChaosSobolIndices(native)
+    for output in (0, 1):
+        for group in (0, 3, [0, 1], [1, 3], [0, 1, 2]):
+            for name in ("getSobolIndex", "getSobolTotalIndex", "getSobolGroupedIndex", "getSobolGroupedTotalIndex"):
+                expected = getattr(reference, name)(np.atleast_1d(group).tolist(), output)
+                assert getattr(result, name)(group, output) == pytest.approx(expected, abs=1e-12), name
+    with pytest.raises(ValueError, match=r"The inputs are \[4\]; give different ones of 0 to 3"):
+        result.getSobolIndex(4)
+    with pytest.raises(ValueError, match=r"The inputs are \[1, 1\]; give different ones"):
+        result.getSobolGroupedIndex([1, 1])
+    with pytest.raises(ValueError, match=r"The inputs are \[\]; give different ones"):
+        result.getSobolGroupedIndex([])
+    with pytest.raises(ValueError, match="The output is 2; it must be 0 to 1"):
+        result.getSobolTotalIndex(0, 2)
+
+
+@pytest.mark.parametrize("law", [ot.Pareto(1.0, 1.0, 0.0), ot.Student(1.5)])
+def test_a_law_without_variance_is_refused_in_a_sentence(law):
+    inputs = ot.Uniform(2.0, 3.0).getSample(30)
+    regression = MultivariatePolynomialRegression(inputs, inputs, law)
+    with pytest.raises(ValueError, match="has no finite mean and standard deviation, so that no polynomials"):
+        regression.run()

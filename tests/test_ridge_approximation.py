@@ -11,7 +11,7 @@ from satsep_ot.methods.polynomials.fit import fit_polynomial
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces import ridge_approximation, variable_projection
 from satsep_ot.methods.subspaces.estimation import orient, subspace_distance
-from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation
+from satsep_ot.methods.subspaces.ridge_approximation import RidgeApproximation, RidgeApproximationResult
 from satsep_ot.methods.subspaces.variable_projection import _VariableProjection, cross_validate_ridge, fit_ridge
 
 
@@ -399,10 +399,32 @@ def test_ridges_and_regressions_do_not_depend_on_the_size_of_the_output(random, 
     other.setDegree(regression.getDegree())
     other.run()
     assert regression.getResult().getQ2LeaveOneOut()[0] == pytest.approx(other.getResult().getQ2LeaveOneOut()[0])
-    assert regression.getResult().getTotalSobolIndex(0) == pytest.approx(other.getResult().getTotalSobolIndex(0))
+    assert regression.getResult().getSobolTotalIndex(0) == pytest.approx(other.getResult().getTotalSobolIndex(0))
     for scaled, plain in zip(
         regression.getResult().getPredictionInterval(inputs),
         other.getResult().getPredictionInterval(inputs),
         strict=True,
     ):
         np.testing.assert_allclose(scaled / scale, plain, rtol=1e-9)
+
+
+@pytest.mark.parametrize("dimension", [0, 1])
+def test_names_of_inputs_and_outputs_survive(tmp_path, dimension):
+    law = ot.JointDistribution([ot.Uniform(0.0, 1.0), ot.Normal()])
+    law.setDescription(["length", "force"])
+    function = ot.SymbolicFunction(["a", "b"], ["a + b", "exp(a + b)"])
+    function.setOutputDescription(["stress", "gap"])
+    inputs = law.getSample(60)
+    algorithm = RidgeApproximation(inputs, function(inputs), law)
+    algorithm.setDimension(dimension)
+    algorithm.run()
+    algorithm.getResult().save(tmp_path / "ridge.npz")
+    for result in (algorithm.getResult(), RidgeApproximationResult.load(tmp_path / "ridge.npz")):
+        metaModel = result.getMetaModelResult()
+        for function_ in (result.getMetaModel(), metaModel.getMetaModel()):
+            assert list(function_.getInputDescription()) == ["length", "force"]
+            assert list(function_.getOutputDescription()) == ["stress", "gap"]
+        assert list(metaModel.getInputSample().getDescription()) == ["length", "force"]
+        assert list(metaModel.getOutputSample().getDescription()) == ["stress", "gap"]
+    if dimension:
+        assert algorithm.getResult().drawSufficientSummary(1).getTitle() == "Sufficient summary of gap"

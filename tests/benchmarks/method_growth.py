@@ -84,7 +84,7 @@ def moments():
     regression.setDegree(8)
     fit = seconds(regression.run)
     result = regression.getResult()
-    indices = seconds(lambda: [result.getTotalSobolIndex(i) for i in range(3)])
+    indices = seconds(lambda: [result.getSobolTotalIndex(i) for i in range(3)])
     families = [ot.StandardDistributionPolynomialFactory(law.getMarginal(i)) for i in range(3)]
     product = ot.OrthogonalProductPolynomialFactory(families)
     size = product.getEnumerateFunction().getBasisSizeFromTotalDegree(8)

@@ -15,6 +15,7 @@ import openturns as ot
 
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.methods.common.margins import thresholdMargin
+from satsep_ot.methods.common.settings import setting
 from satsep_ot.methods.parallel.block_summary import BlockSummary
 from satsep_ot.methods.parallel.chunks import Chunk, Work
 from satsep_ot.methods.parallel.function import FunctionWork, wrongResult
@@ -119,7 +120,7 @@ class MonteCarloStream(OpenTURNSObject):
         if isinstance(self._rows, np.ndarray) and size > len(self._rows):
             raise ValueError(f"{size} runs are wanted of {len(self._rows)} rows")
         self._size = int(size)
-        self._blockSize = 1024
+        self._blockSize = int(setting("MonteCarloStream-BlockSize"))
         self._chunkSize: int | None = None
         self._events: dict[str, tuple[int, ot.ComparisonOperator, float]] = {}
         self._scheduler = ChunkScheduler()

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 from scipy import optimize, special
 
 from satsep_ot.methods.polynomials.basis import hermite_recurrence
@@ -21,12 +22,27 @@ DENSITY_STEP = 0.02
 # A density with a smaller relative error needs no other way.
 CERTAIN_DENSITY = 1e-9
 DRAWN_POINTS = 129
+# Probability on each side of what is called the range.
+RANGE_TAIL = 1e-15
 # No probability that a double can hold lies beyond; roots there would only spoil the signs between them.
 FARTHEST = 40.0
 # A pair of complex roots this close to the real axis is a double root up to rounding.
 IMAGINARY_TOLERANCE = 1e-8
 # Leading coefficients below this share of the largest only move roots beyond any probability.
 LEADING_TOLERANCE = 1e-13
+
+
+def _each(method):
+    """A method of a number that takes arrays too: an array of the same shape comes out."""
+
+    @functools.wraps(method)
+    def every(self, value, *others):
+        if np.ndim(value) == 0:
+            return method(self, float(value), *others)
+        values = np.asarray(value, dtype=float)
+        return np.array([method(self, float(one), *others) for one in values.ravel()]).reshape(values.shape)
+
+    return every
 
 
 class PolynomialDistribution(OpenTURNSObject):
@@ -77,6 +93,7 @@ class PolynomialDistribution(OpenTURNSObject):
                 f"The polynomial must have independent standard normal variables, got {law}: "
                 "give ot.Normal(r) to the regression."
             )
+        self._polynomial, self._output = result, output
         coefficients = np.array(result.getCoefficients())
         if not 0 <= output < coefficients.shape[1]:
             raise ValueError(f"The output must be 0 to {coefficients.shape[1] - 1}, got {output}.")
@@ -160,21 +177,30 @@ class PolynomialDistribution(OpenTURNSObject):
         # An interval between two infinite fill-ins is empty.
         return np.where(inside & (left < np.inf), mass, 0.0).sum(axis=1)
 
-    def computeCDF(self, threshold: float) -> float | np.ndarray:
-        """P(p(Y) <= threshold)."""
+    @_each
+    def computeCDF(self, threshold: ArrayLike) -> float | np.ndarray:
+        """P(p(Y) <= threshold) for a number, or for each one of an array."""
         return self._probability(threshold, True)[0]
 
-    def computeComplementaryCDF(self, threshold: float) -> float | np.ndarray:
+    @_each
+    def computeComplementaryCDF(self, threshold: ArrayLike) -> float | np.ndarray:
         """P(p(Y) > threshold), not as a difference from 1."""
         return self._probability(threshold, False)[0]
 
-    def computeCDFError(self, threshold: float) -> float | np.ndarray:
+    @_each
+    def computeSurvivalFunction(self, threshold: ArrayLike) -> float | np.ndarray:
+        """P(p(Y) > threshold), as :meth:`computeComplementaryCDF`."""
+        return self._probability(threshold, False)[0]
+
+    @_each
+    def computeCDFError(self, threshold: ArrayLike) -> float | np.ndarray:
         """Error of both probabilities, the largest deviation of coarser rules; for one variable 0, up to rounding."""
         probability, error = self._probability(threshold, True)
         # The deviations of the smaller probability, where they are not lost beside 1.
         return error if probability < 0.5 else self._probability(threshold, False)[1]
 
-    def computePDF(self, threshold: float) -> float | np.ndarray:
+    @_each
+    def computePDF(self, threshold: ArrayLike) -> float | np.ndarray:
         """Density at the threshold.
 
         It is the sum over the roots of their density along the line / ``|p'(root)|``, averaged over the lines. Where
@@ -184,7 +210,8 @@ class PolynomialDistribution(OpenTURNSObject):
         """
         return self._density(threshold)[0]
 
-    def computePDFError(self, threshold: float) -> float | np.ndarray:
+    @_each
+    def computePDFError(self, threshold: ArrayLike) -> float | np.ndarray:
         """Error of the density, the largest deviation of coarser rules; for one variable 0, up to rounding."""
         return self._density(threshold)[1]
 
@@ -214,18 +241,30 @@ class PolynomialDistribution(OpenTURNSObject):
         differenceError += abs(difference - self._average(sign * far / (4.0 * step))[0]) / 3.0
         return (density, error) if error <= differenceError else (difference, differenceError)
 
-    def computeQuantile(self, probability: float) -> float | np.ndarray:
-        """Smallest value that p(Y) does not exceed with the given probability, in (0, 1)."""
+    def computeQuantile(self, probability: ArrayLike, tail: bool = False) -> float | np.ndarray:
+        """Smallest value that p(Y) does not exceed with the given probability, in (0, 1).
+
+        Parameters
+        ----------
+        probability : float or array of float
+        tail : bool
+            Whether it is the probability of larger values.
+        """
+        return self._quantile(probability, tail)
+
+    @_each
+    def _quantile(self, probability, tail):
         if not 0.0 < probability < 1.0:
             raise ValueError(f"The probability of a quantile must be in (0, 1), got {probability}.")
         if self._deviation == 0.0:
             return self._mean
         width = self._deviation
         # Through the smaller tail, so that extreme quantiles keep their digits.
-        upper = probability > 0.5
+        upper = (probability > 0.5) != tail
+        smaller = 1.0 - probability if probability > 0.5 else probability
 
         def excess(t):
-            return (1.0 - probability) - self.computeComplementaryCDF(t) if upper else self.computeCDF(t) - probability
+            return smaller - self._probability(t, False)[0] if upper else self._probability(t, True)[0] - smaller
 
         low, high = self._mean - width, self._mean + width
         while excess(low) > 0.0:
@@ -237,16 +276,151 @@ class PolynomialDistribution(OpenTURNSObject):
             high += width
         return float(optimize.brentq(excess, low, high, xtol=1e-13 * (abs(low) + abs(high)), rtol=1e-13))
 
+    def getMoment(self, order: int) -> float:
+        """E[p(Y)^order], exact but for rounding, for a whole number >= 0."""
+        return self._moment(order, 0.0)
+
+    def getCentralMoment(self, order: int) -> float:
+        """E[(p(Y) - mean)^order], exact but for rounding, for a whole number >= 0."""
+        return self._moment(order, self._mean)
+
+    def _moment(self, order, centre):
+        if int(order) != order or order < 0:
+            raise ValueError(f"The order of a moment must be a whole number of at least 0, got {order}.")
+        # Gauss' rule of n nodes is exact up to the degree 2 n - 1.
+        nodes, weights = np.polynomial.hermite_e.hermegauss(self._polynomial.getDegree() * int(order) // 2 + 1)
+        grids = np.meshgrid(*[nodes] * self._dimension, indexing="ij")
+        shares = functools.reduce(np.multiply.outer, [weights / weights.sum()] * self._dimension)
+        values = self._polynomial.evaluate(np.column_stack([grid.ravel() for grid in grids]))[:, self._output]
+        return float((values - centre) ** int(order) @ shares.ravel())
+
+    def getSkewness(self) -> float:
+        """Third central moment over the cube of the standard deviation."""
+        return self._shape(3)
+
+    def getKurtosis(self) -> float:
+        """Fourth central moment over the fourth power of the standard deviation."""
+        return self._shape(4)
+
+    def _shape(self, order):
+        if self._deviation == 0.0:
+            raise ValueError("The polynomial is constant: it has no skewness and no kurtosis.")
+        return self.getCentralMoment(order) / self._deviation**order
+
+    def getSample(self, size: int) -> ot.Sample:
+        """Values of the polynomial at standard normal points from ``ot.RandomGenerator``, a Sample (size, 1)."""
+        points = np.array(ot.DistFunc.rNormal(size * self._dimension)).reshape(size, self._dimension)
+        return ot.Sample(self._polynomial.evaluate(points)[:, [self._output]])
+
+    def getRange(self) -> ot.Interval:
+        """Interval outside of which p(Y) is with a probability of 2e-15."""
+        return ot.Interval(self.computeQuantile(RANGE_TAIL), self.computeQuantile(RANGE_TAIL, True))
+
+    def getDistribution(self) -> ot.Distribution:
+        """The same as an :py:class:`openturns.Distribution`: for random vectors, joint distributions, Sobol indices.
+
+        It is a Dirac distribution where the polynomial is constant.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import openturns as ot
+        >>> from satsep_ot import MultivariatePolynomialRegression, PolynomialDistribution
+        >>> inputs = np.linspace(-3.0, 3.0, 20)[:, None]
+        >>> regression = MultivariatePolynomialRegression(inputs, inputs**2, ot.Normal(1))
+        >>> regression.run()
+        >>> law = PolynomialDistribution(regression.getResult()).getDistribution()
+        >>> joint = ot.JointDistribution([law, ot.Normal()])
+        >>> print(round(joint.computeCDF([1.0, 0.0]), 9))
+        0.341344746
+        """
+        return ot.Distribution(ot.Dirac(self._mean) if self._deviation == 0.0 else _PolynomialLaw(self))
+
     def drawPDF(self, level: float = 0.999) -> ot.Graph:
         """Density between the quantiles that hold the middle ``level``, :py:class:`openturns.Graph`."""
+        # Midpoints of cells: at the edge of its range the density of a square is infinite.
+        points = self._cells(level)
+        return _curve("Density of the polynomial", "density", points, self.computePDF(points))
+
+    def drawCDF(self, level: float = 0.999) -> ot.Graph:
+        """Probability not to exceed each value between the quantiles of the middle ``level``."""
+        points = self._cells(level)
+        return _curve("Distribution of the polynomial", "probability", points, self.computeCDF(points))
+
+    def _cells(self, level):
+        """Midpoints of equal cells between the quantiles of the middle level, ndarray (n,)."""
         if not 0.0 < level < 1.0:
             raise ValueError(f"The level must be in (0, 1), got {level}.")
         lower, upper = (self.computeQuantile(0.5 * (1.0 + sign * level)) for sign in (-1.0, 1.0))
-        # Midpoints of cells: at the edge of its range the density of a square is infinite.
-        points = lower + (np.arange(DRAWN_POINTS) + 0.5) * (upper - lower) / DRAWN_POINTS
-        graph = ot.Graph("Density of the polynomial", "value", "density", True, "")
-        graph.add(ot.Curve(points, [self.computePDF(point) for point in points]))
-        return graph
+        return lower + (np.arange(DRAWN_POINTS) + 0.5) * (upper - lower) / DRAWN_POINTS
+
+
+def _curve(title, axis, points, values):
+    graph = ot.Graph(title, "value", axis, True, "")
+    graph.add(ot.Curve(points, values))
+    return graph
+
+
+class _PolynomialLaw(ot.PythonDistribution):
+    """What OpenTURNS asks of a distribution, of a :class:`PolynomialDistribution`."""
+
+    def __init__(self, law):
+        super().__init__(1)
+        self._law = law
+
+    def getRange(self):
+        return self._law.getRange()
+
+    def computeCDF(self, X):
+        return self._law.computeCDF(X[0])
+
+    def computeComplementaryCDF(self, X):
+        return self._law.computeComplementaryCDF(X[0])
+
+    def computeSurvivalFunction(self, X):
+        return self._law.computeComplementaryCDF(X[0])
+
+    def computePDF(self, X):
+        return self._law.computePDF(X[0])
+
+    def computeScalarQuantile(self, probability, tail=False):
+        return self._law.computeQuantile(probability, tail)
+
+    def computeQuantile(self, probability, tail=False):
+        return [self._law.computeQuantile(probability, tail)]
+
+    def getRealization(self):
+        return self._law.getSample(1)[0]
+
+    def getSample(self, size):
+        return self._law.getSample(size)
+
+    def getMean(self):
+        return [self._law.getMean()]
+
+    def getStandardDeviation(self):
+        return [self._law.getStandardDeviation()]
+
+    def getSkewness(self):
+        return [self._law.getSkewness()]
+
+    def getKurtosis(self):
+        return [self._law.getKurtosis()]
+
+    def getMoment(self, order):
+        return [self._law.getMoment(order)]
+
+    def getCentralMoment(self, order):
+        return [self._law.getCentralMoment(order)]
+
+    def isContinuous(self):
+        return True
+
+    def isDiscrete(self):
+        return False
+
+    def isIntegral(self):
+        return False
 
 
 def _line_powers(indices, coefficients, directions):

@@ -10,6 +10,7 @@ from scipy.special import ndtr
 
 from satsep_ot.methods.polynomials.basis import PolynomialBasis, hermite_recurrence
 from satsep_ot.moved_modules import restoring
+from satsep_ot.openturns_adapter import REFUSALS
 
 # Moments are integrated by Gauss-Legendre between quantiles, whose levels are equidistant for a standard normal up to
 # this many standard deviations.
@@ -59,7 +60,7 @@ class PolynomialFamilies:
         [[1.0, 0.0]]
         """
         law = ot.Distribution(law)
-        centre, slope = np.array(law.getMean()), 1.0 / np.array(law.getStandardDeviation())
+        centre, slope = _centre_and_slope(law)
         if _isNormal(law):
             return PolynomialFamilies(law, [ot.HermiteFactory()] * len(centre), centre, slope)
         members = []
@@ -115,6 +116,20 @@ class PolynomialFamilies:
                     f"mean square {square:.3g} instead of 1: moments of order {2 * degree} do not exist or cannot be "
                     "computed. Lower the degree, or take the moments of getSample()."
                 )
+
+
+def _centre_and_slope(law):
+    """Mean and reciprocal standard deviation of each marginal, or a sentence."""
+    try:
+        centre, deviation = np.array(law.getMean()), np.array(law.getStandardDeviation())
+    except REFUSALS:
+        centre = deviation = np.array(np.nan)
+    if not (np.isfinite(centre).all() and np.isfinite(deviation).all()):
+        raise ValueError(
+            f"The distribution {law} has no finite mean and standard deviation, so that no polynomials are orthogonal "
+            "under it: work in the standard space (ActiveSubspaceAlgorithm, RidgeApproximation), or leave it out."
+        )
+    return centre, 1.0 / deviation
 
 
 def _isNormal(distribution):

@@ -7,6 +7,7 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
+from satsep_ot.methods.common.settings import setting
 from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.families import PolynomialFamilies
 from satsep_ot.methods.polynomials.fit import fit_polynomial, shuffled_folds
@@ -73,8 +74,8 @@ class MultivariatePolynomialRegression(OpenTURNSObject):
             list(sample.getDescription()) if isinstance(sample, ot.Sample) else None
             for sample in (inputSample, outputSample)
         ]
-        self._degree = 4
-        self._norm = 1.0
+        self._degree = int(setting("MultivariatePolynomialRegression-Degree"))
+        self._norm = float(setting("MultivariatePolynomialRegression-HyperbolicNorm"))
         self._weights: np.ndarray | None = None
         self._robust = False
         self._result: MultivariatePolynomialRegressionResult | None = None

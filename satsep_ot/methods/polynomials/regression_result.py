@@ -10,6 +10,7 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
+from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.basis import PolynomialBasis
@@ -77,11 +78,11 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
 
     def getInputSample(self) -> ot.Sample:
         """Inputs, :py:class:`openturns.Sample` (N, d)."""
-        return _named(self._points, self._descriptions[0])
+        return namedSample(self._points, self._descriptions[0])
 
     def getOutputSample(self) -> ot.Sample:
         """Outputs, :py:class:`openturns.Sample` (N, p)."""
-        return _named(self._values, self._descriptions[1])
+        return namedSample(self._values, self._descriptions[1])
 
     def getIndices(self) -> np.ndarray:
         """Exponents of each term, ndarray of int (P, d); the first is the constant."""
@@ -332,21 +333,71 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
         return ot.KernelSmoothing().build(self.getSample(size).getMarginal(output))
 
     def _share(self, selected, output):
-        squares = self._moments[0][:, output]
-        total = squares[1:].sum()
+        if output not in range(self._values.shape[1]):
+            raise ValueError(f"The output is {output}; it must be 0 to {self._values.shape[1] - 1}.")
+        squares = self._moments[0][:, output] * self._active().any(axis=1)
+        total = squares.sum()
         if not total > 0.0:
             raise ValueError(f"Output {output} of the polynomial is constant: it has no Sobol indices.")
         return float(squares[selected].sum() / total)
 
     def getSobolIndex(self, variables: int | Sequence[int], output: int = 0) -> float:
-        """Sobol index of one input (int) or the interaction index of several (sequence of int)."""
-        inside = np.zeros(self._fit.basis.dimension, dtype=bool)
-        inside[np.atleast_1d(variables)] = True
-        return self._share(((self._fit.basis.indices > 0) == inside).all(axis=1), output)
+        """Sobol index of one input (int) or the interaction index of several (sequence of int).
 
-    def getTotalSobolIndex(self, variable: int, output: int = 0) -> float:
-        """Total Sobol index of one input."""
-        return self._share(self._fit.basis.indices[:, variable] > 0, output)
+        Names and meaning of this and the next three are those of :py:class:`openturns.FunctionalChaosSobolIndices`.
+
+        Raises
+        ------
+        ValueError
+            There is no such input or output, an input is named twice, or the output is constant.
+        """
+        return self._share((self._active() == self._group(variables)).all(axis=1), output)
+
+    def getSobolTotalIndex(self, variables: int | Sequence[int], output: int = 0) -> float:
+        """Total Sobol index of one input, or of the interaction of several: the share of the terms with all of them."""
+        return self._share(self._active()[:, self._group(variables)].all(axis=1), output)
+
+    def getSobolGroupedIndex(self, variables: int | Sequence[int], output: int = 0) -> float:
+        """Closed Sobol index of a group: the share of the terms that have inputs of the group only."""
+        return self._share(~self._active()[:, ~self._group(variables)].any(axis=1), output)
+
+    def getSobolGroupedTotalIndex(self, variables: int | Sequence[int], output: int = 0) -> float:
+        """Total Sobol index of a group: the share of the terms that have any input of the group."""
+        return self._share(self._active()[:, self._group(variables)].any(axis=1), output)
+
+    getTotalSobolIndex = DeprecatedAlias("getSobolTotalIndex")
+
+    def _active(self):
+        return self._fit.basis.indices > 0
+
+    def _group(self, variables):
+        """Whether each input is among some, ndarray of bool (d,)."""
+        d = self._fit.basis.dimension
+        group = np.zeros(d, dtype=bool)
+        given = np.atleast_1d(variables)
+        numbers = {int(variable) for variable in given if variable in range(d)}
+        if not len(given) or len(numbers) < len(given):
+            raise ValueError(f"The inputs are {given.tolist()}; give different ones of 0 to {d - 1}.")
+        group[list(numbers)] = True
+        return group
+
+    def getFunctionalChaosResult(self) -> ot.FunctionalChaosResult:
+        """The polynomial as a native :py:class:`openturns.FunctionalChaosResult`, for all that OpenTURNS does with one.
+
+        Its Sobol indices, random vector and validation are OpenTURNS' own; the basis is the same.
+        """
+        families = self._families
+        product = ot.OrthogonalProductPolynomialFactory(families.members)
+        enumeration = product.getEnumerateFunction()
+        terms = ot.Indices([enumeration.inverse(alpha) for alpha in self._fit.basis.indices.tolist()])
+        d = len(families.centre)
+        forward = ot.LinearFunction(families.centre, [0.0] * d, ot.Matrix(np.diag(families.slope)))
+        backward = ot.LinearFunction([0.0] * d, families.centre, ot.Matrix(np.diag(1.0 / families.slope)))
+        functions = [product.build(term) for term in terms]
+        return ot.FunctionalChaosResult(
+            self.getInputSample(), self.getOutputSample(), families.law, forward, backward, product, terms,
+            self.getCoefficients(), functions,
+        )  # fmt: skip
 
     def getGradientMatrix(self, output: int = 0) -> ot.Matrix:
         """Expected outer product of the polynomial's gradient, E[grad grad^T], :py:class:`openturns.Matrix` (d, d).
@@ -397,7 +448,8 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
         return MultivariatePolynomialRegressionResult(fit, points, values, families, fields["descriptions"])
 
 
-def _named(array, description):
+def namedSample(array: np.ndarray, description: Sequence[str] | None) -> ot.Sample:
+    """A sample under names, or under OpenTURNS' own where there are none."""
     sample = ot.Sample(array)
     if description is not None:
         sample.setDescription(description)

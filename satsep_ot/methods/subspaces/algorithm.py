@@ -9,6 +9,7 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.deprecation import DeprecatedAlias
+from satsep_ot.methods.common.settings import setting
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
 from satsep_ot.methods.subspaces.analysis import analyse_gradients, flat_outputs
 from satsep_ot.methods.subspaces.gradients import GradientSample, StandardModel
@@ -71,13 +72,15 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
             raise ValueError(
                 f"The points have {self._given.points.shape[1]} coordinates but the distribution has dimension {d}."
             )
-        self._samplingSize = math.ceil(60.0 * math.log(max(d, 2)))
+        self._outputs = list(self._function.getOutputDescription()) if self._function else None
+        self._samplingSize = math.ceil(setting("ActiveSubspaceAlgorithm-SamplingFactor") * math.log(max(d, 2)))
         self._gradientMethod = "Automatic"
-        self._bootstrapSize = 1000
+        self._bootstrapSize = int(setting("ActiveSubspaceAlgorithm-BootstrapSize"))
         self._dimension: int | None = None
         self._weightFunction: Callable[[np.ndarray], ArrayLike] | None = None
         self._targetSubspaceError: float | None = None
-        self._maximumSamplingSize = 10 * self._samplingSize
+        ratio = int(setting("ActiveSubspaceAlgorithm-MaximumSamplingRatio"))
+        self._maximumSamplingSize = ratio * self._samplingSize
         self._step: float | None = None
         self._evaluations = 0
         self._gradients = 0
@@ -106,7 +109,10 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         weights : array (M,), optional
             Not negative, at least one positive.
         """
-        return cls(GradientSample.of(standardSample, outputSample, gradientSample, weights), distribution)
+        algorithm = cls(GradientSample.of(standardSample, outputSample, gradientSample, weights), distribution)
+        if isinstance(outputSample, ot.Sample):
+            algorithm._outputs = list(outputSample.getDescription())
+        return algorithm
 
     def _shown(self):
         return {
@@ -227,7 +233,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
             finally:
                 self._evaluations += model.evaluations
                 self._gradients += model.gradients
-        self._result = ActiveSubspaceResult(self._space, analysis)
+        self._result = ActiveSubspaceResult(self._space, analysis, self._outputs)
 
     def _usesDifferences(self):
         if self._gradientMethod == "Automatic":

@@ -14,7 +14,7 @@ from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
-from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult, namedSample
 from satsep_ot.methods.subspaces.analysis import SubspaceAnalysis, flat_outputs
 from satsep_ot.methods.subspaces.estimation import quantile_bands, reflected_bands, subspace_distance
 from satsep_ot.methods.subspaces.graphs import addBand, drawScores, drawSufficientSummary
@@ -60,8 +60,9 @@ class ActiveSubspaceResult(OpenTURNSObject):
     True
     """
 
-    def __init__(self, space: StandardSpace, analysis: SubspaceAnalysis) -> None:
+    def __init__(self, space: StandardSpace, analysis: SubspaceAnalysis, outputs: Sequence[str] | None = None) -> None:
         self._space = space
+        self._outputs = None if outputs is None else list(outputs)
         self._analysis = analysis
         self._regression: MultivariatePolynomialRegressionResult | None = None
 
@@ -74,6 +75,8 @@ class ActiveSubspaceResult(OpenTURNSObject):
         vars(self).update(state)
 
     _derived = ("_regression",)
+    # Names of the outputs; results of 0.1.0 have none.
+    _outputs: list[str] | None = None
 
     def _shown(self):
         return {
@@ -198,7 +201,7 @@ class ActiveSubspaceResult(OpenTURNSObject):
 
     def getOutputSample(self) -> ot.Sample:
         """Outputs at the points, :py:class:`openturns.Sample` (M, p)."""
-        return ot.Sample(self._values())
+        return namedSample(self._values(), self._outputs)
 
     def _values(self):
         return self._analysis.values * self._unit()
@@ -357,7 +360,9 @@ class ActiveSubspaceResult(OpenTURNSObject):
         self._needDirections()
         if self._regression is None:
             dimension = self._analysis.dimension
-            regression = MultivariatePolynomialRegression(self.getActiveSample(), self._values(), ot.Normal(dimension))
+            regression = MultivariatePolynomialRegression(
+                self.getActiveSample(), self.getOutputSample(), ot.Normal(dimension)
+            )
             regression.setDegree(surrogate_degree(len(self._analysis.points), dimension))
             regression.setWeights(self._analysis.weights)
             regression.run()
@@ -416,9 +421,8 @@ class ActiveSubspaceResult(OpenTURNSObject):
         if not 0 <= output < self._analysis.values.shape[1]:
             raise ValueError(f"The output must be 0 to {self._analysis.values.shape[1] - 1}, got {output}.")
         active = self._analysis.points @ self._active()
-        return drawSufficientSummary(
-            active, self._values()[:, output], self._analysis.weights, f"output {output}", level
-        )
+        name = self._outputs[output] if self._outputs else f"output {output}"
+        return drawSufficientSummary(active, self._values()[:, output], self._analysis.weights, name, level)
 
     def compareDirections(self, directions: ArrayLike) -> float:
         """Distance ||W W^T - V V^T||_2 of the active subspace to another one given by (d, r) columns."""
@@ -437,7 +441,7 @@ class ActiveSubspaceResult(OpenTURNSObject):
             Ends on ``.npz``.
         """
         fields = {field.name: getattr(self._analysis, field.name) for field in dataclasses.fields(SubspaceAnalysis)}
-        writeResult(path, _FORMAT, fields | {"distribution": self._space.getDistribution()})
+        writeResult(path, _FORMAT, fields | {"distribution": self._space.getDistribution(), "outputs": self._outputs})
 
     @staticmethod
     def load(path: str | os.PathLike) -> "ActiveSubspaceResult":
@@ -455,4 +459,5 @@ class ActiveSubspaceResult(OpenTURNSObject):
         fields = readResult(path, _FORMAT, objects={"distribution": ot.Distribution()})
         space = StandardSpace(fields["distribution"])
         names = [field.name for field in dataclasses.fields(SubspaceAnalysis) if field.name in fields]
-        return ActiveSubspaceResult(space, SubspaceAnalysis(**{name: fields[name] for name in names}))
+        analysis = SubspaceAnalysis(**{name: fields[name] for name in names})
+        return ActiveSubspaceResult(space, analysis, fields.get("outputs"))

@@ -8,13 +8,14 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.deprecation import DeprecatedAlias
+from satsep_ot.methods.common.settings import setting
 from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.storage import readResult, writeResult
 from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.polynomials.fit import PolynomialFit, shuffled_folds
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
-from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
+from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult, namedSample
 from satsep_ot.methods.subspaces.graphs import drawSufficientSummary
 from satsep_ot.methods.subspaces.variable_projection import RidgeFit, cross_validate_ridge, fit_ridge
 from satsep_ot.methods.subspaces.variables import activeTransformation, inverseActiveTransformation
@@ -81,13 +82,14 @@ class RidgeApproximation(OpenTURNSObject):
             )
         self._physical = physical
         self._points = self._space.toStandard(physical)
+        self._outputs = list(outputSample.getDescription()) if isinstance(outputSample, ot.Sample) else None
         self._dimension: int | None = None
         self._degree: int | None = None
-        self._largestDimension = min(3, d)
-        self._largestDegree = 4
+        self._largestDimension = min(int(setting("RidgeApproximation-LargestDimension")), d)
+        self._largestDegree = int(setting("RidgeApproximation-LargestDegree"))
         self._weights: np.ndarray | None = None
-        self._starts = 2
-        self._folds = 5
+        self._starts = int(setting("RidgeApproximation-StartsNumber"))
+        self._folds = int(setting("RidgeApproximation-FoldsNumber"))
         self._result: RidgeApproximationResult | None = None
 
     def _shown(self):
@@ -153,7 +155,7 @@ class RidgeApproximation(OpenTURNSObject):
         fit = fit_ridge(self._points, self._values, r, k, self._weights, self._starts)
         q2 = {pair: 1.0 - float(score.mean()) for pair, score in scores.items()}
         self._result = RidgeApproximationResult(
-            self._space, self._physical, self._points, self._values, self._weights, fit, k, q2
+            self._space, self._physical, self._points, self._values, self._weights, fit, k, q2, self._outputs
         )
 
     def _crossValidate(self):
@@ -214,6 +216,7 @@ class RidgeApproximationResult(OpenTURNSObject):
         fit: RidgeFit,
         degree: int,
         q2: dict[tuple[int, int], float],
+        outputs: list[str] | None = None,
     ) -> None:
         self._space = space
         self._physical = physical
@@ -223,9 +226,12 @@ class RidgeApproximationResult(OpenTURNSObject):
         self._fit = fit
         self._degree = degree
         self._q2 = q2
+        self._outputs = outputs
         self._regression: MultivariatePolynomialRegressionResult | None = None
 
     _derived = ("_regression",)
+    # Names of the outputs; results of 0.1.0 have none.
+    _outputs: list[str] | None = None
 
     def _shown(self):
         return {"inputs": self._points.shape[1], "dimension": self.getDimension(), "degree": self._degree}
@@ -311,7 +317,7 @@ class RidgeApproximationResult(OpenTURNSObject):
         self._needDirections()
         if self._regression is None:
             regression = MultivariatePolynomialRegression(
-                self.getActiveSample(), self._values, ot.Normal(self.getDimension())
+                self.getActiveSample(), self.getOutputSample(), ot.Normal(self.getDimension())
             )
             regression.setDegree(self._degree)
             regression.setWeights(self._weights)
@@ -323,12 +329,27 @@ class RidgeApproximationResult(OpenTURNSObject):
         """The surrogate of the physical inputs, a native :py:class:`openturns.Function` with exact derivatives."""
         if self.getDimension() == 0:
             d, p = self._points.shape[1], self._values.shape[1]
-            return ot.LinearFunction([0.0] * d, self._fit.polynomial.coefficients[0], ot.Matrix(p, d))
-        return ot.ComposedFunction(self.getRegressionResult().getMetaModel(), self.getTransformation())
+            metaModel = ot.LinearFunction([0.0] * d, self._fit.polynomial.coefficients[0], ot.Matrix(p, d))
+        else:
+            metaModel = ot.ComposedFunction(self.getRegressionResult().getMetaModel(), self.getTransformation())
+        metaModel.setInputDescription(self._space.getDistribution().getDescription())
+        metaModel.setOutputDescription(self._outputNames())
+        return metaModel
+
+    def _outputNames(self):
+        return self._outputs or [f"y{i}" for i in range(self._values.shape[1])]
+
+    def getInputSample(self) -> ot.Sample:
+        """Physical inputs, :py:class:`openturns.Sample` (N, d)."""
+        return namedSample(self._physical, self._space.getDistribution().getDescription())
+
+    def getOutputSample(self) -> ot.Sample:
+        """Outputs, :py:class:`openturns.Sample` (N, p)."""
+        return namedSample(self._values, self._outputNames())
 
     def getMetaModelResult(self) -> ot.MetaModelResult:
         """An :py:class:`openturns.MetaModelResult` of the physical sample and the surrogate."""
-        return ot.MetaModelResult(ot.Sample(self._physical), ot.Sample(self._values), self.getMetaModel())
+        return ot.MetaModelResult(self.getInputSample(), self.getOutputSample(), self.getMetaModel())
 
     def drawSufficientSummary(self, output: int = 0, level: float = 0.95) -> ot.Graph:
         """One output against the first one or two active variables, :py:class:`openturns.Graph`."""
@@ -336,7 +357,8 @@ class RidgeApproximationResult(OpenTURNSObject):
         if not 0 <= output < self._values.shape[1]:
             raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
         active = self._points @ self._fit.directions
-        return drawSufficientSummary(active, self._values[:, output], self._weights, f"output {output}", level)
+        name = self._outputs[output] if self._outputs else f"output {output}"
+        return drawSufficientSummary(active, self._values[:, output], self._weights, name, level)
 
     def save(self, path: str | os.PathLike) -> None:
         """Write the result to one file, whole or not at all: arrays, and the distribution as OpenTURNS' XML.
@@ -351,7 +373,7 @@ class RidgeApproximationResult(OpenTURNSObject):
         """
         fit = self._fit
         fields = {"distribution": self._space.getDistribution(), "physical": self._physical, "points": self._points}
-        fields |= {"values": self._values, "highestDegree": self._degree}
+        fields |= {"values": self._values, "highestDegree": self._degree, "outputs": self._outputs}
         fields |= {name: getattr(fit, name) for name in ("directions", "loss", "converged", "iterations")}
         fields["q2"] = [[*pair, value] for pair, value in self._q2.items()]
         writeResult(path, _FORMAT, fields | fit.polynomial.fields())
@@ -376,5 +398,5 @@ class RidgeApproximationResult(OpenTURNSObject):
         q2 = {(r, degree): value for r, degree, value in fields["q2"]}
         return RidgeApproximationResult(
             StandardSpace(fields["distribution"]), fields["physical"], points, values, fields["weights"], fit,
-            fields["highestDegree"], q2,
+            fields["highestDegree"], q2, fields.get("outputs"),
         )  # fmt: skip
