@@ -34,6 +34,8 @@ from satsep_ot.dynamics.kernels.vectors import (
 )
 
 OFF, ON = integers(0, 1)
+# Where the columns of d and of the rows of R start, and the rows of a matrix.
+COLUMNS, ROWS = integers(1, 4, 7, 10), integers(0, 3, 6)
 
 
 @kernel
@@ -245,6 +247,32 @@ def spring_force_adjoint(state, R, i, run, sweep):
         by_spring.deformation[n] += spring.scale * by_deformation * by_f
 
 
+@inline
+def column_of(sums, j):
+    """The SUM_ROWS numbers of a column of the sums as a tuple."""
+    a = sums[j]
+    return a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11]
+
+
+@inline
+def column_product(column, rows, n):
+    """The product of a column with lane n of SUM_ROWS rows."""
+    a, b = column, rows
+    return (
+        a[0] * b[0, n] + a[1] * b[1, n] + a[2] * b[2, n] + a[3] * b[3, n] + a[4] * b[4, n] + a[5] * b[5, n]
+        + a[6] * b[6, n] + a[7] * b[7, n] + a[8] * b[8, n] + a[9] * b[9, n] + a[10] * b[10, n] + a[11] * b[11, n]
+    )  # fmt: skip
+
+
+@inline
+def add_factors_adjoint(first, sums, by_forces, target, row):
+    """Add what the adjoint of the forces says of three factors, of d or of a row of R, to `target` from `row` on."""
+    a, b, c = column_of(sums, first), column_of(sums, first + 1), column_of(sums, first + 2)
+    for n in range(LANES):
+        by_factors = (column_product(a, by_forces, n), column_product(b, by_forces, n), column_product(c, by_forces, n))
+        add_lane(target, n, by_factors, row)
+
+
 @kernel
 def guided_forces_adjoint(state, R, run, chain):
     """The same for all springs in the sums at once; their forces stand in `run.system`."""
@@ -265,23 +293,19 @@ def guided_forces_adjoint(state, R, run, chain):
         add_lane(chain.rotation, n, minus(scaled(c, y), scaled(b, z)))
         add_lane(chain.rotation, n, minus(scaled(a, z), scaled(c, x)), 3)
         add_lane(chain.rotation, n, minus(scaled(b, x), scaled(a, y)), 6)
+    add_factors_adjoint(COLUMNS[0], sums, product, by_state.d, ROWS[0])
+    add_factors_adjoint(COLUMNS[1], sums, product, chain.rotation, ROWS[0])
+    add_factors_adjoint(COLUMNS[2], sums, product, chain.rotation, ROWS[1])
+    add_factors_adjoint(COLUMNS[3], sums, product, chain.rotation, ROWS[2])
     for j in range(SUM_COLUMNS):
         factor = 1.0
         if j > 3:
             factor = R[j - 4]
         elif j > 0:
             factor = d[j - 1]
-        # The adjoint of the matrix, and for j > 0 that of d or R.
         by_column, by_forces = chain.constants.sums[j].flat, chain.forces.flat
         for n in range(SUM_ROWS * LANES):
             by_column[n] += factor * by_forces[n]
-        if j > 0:
-            target = by_state.d[j - 1] if j < 4 else chain.rotation[j - 4]
-            for n in range(LANES):
-                total = 0.0
-                for m in range(SUM_ROWS):
-                    total += sums[j, m] * product[m, n]
-                target[n] += total
 
 
 @inline
