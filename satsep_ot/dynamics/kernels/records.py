@@ -361,8 +361,10 @@ CHAIN_ADJOINT = record(
     ("seat", *_VECTOR_LANES),
     ("plate", *_VECTOR_LANES),
     ("direction", *_VECTOR_LANES),  # to the Earth
-    # Of a spring in the sums.
-    *((name, NUMBER, _LANE) for name in ("by_f_0", "by_f_1", "by_entry", "by_column")),
+    # Of a spring in the sums: of the slope of its law, of an entry of its column, and of its row.
+    ("by_f_1", NUMBER, _LANE),
+    ("by_column", NUMBER, _LANE),
+    ("row_entries", COLUMN_ADJOINT),
     ("row", NUMBER, SUM_ROWS),
     ("column", NUMBER, SUM_COLUMNS),
 )

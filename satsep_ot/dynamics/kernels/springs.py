@@ -19,7 +19,9 @@ from satsep_ot.dynamics.kernels.vectors import (
     add_lane,
     add_product,
     add_rows,
+    add_scaled,
     clear,
+    copy,
     cross,
     dot,
     lane,
@@ -248,16 +250,14 @@ def spring_force_adjoint(state, R, i, run, sweep):
 
 
 @inline
-def column_of(sums, j):
-    """The SUM_ROWS numbers of a column of the sums as a tuple."""
-    a = sums[j]
+def sum_rows(a):
+    """The SUM_ROWS numbers of a field as a tuple."""
     return a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11]
 
 
 @inline
-def column_product(column, rows, n):
-    """The product of a column with lane n of SUM_ROWS rows."""
-    a, b = column, rows
+def sum_product(a, b, n):
+    """The product of SUM_ROWS numbers with lane n of as many rows."""
     return (
         a[0] * b[0, n] + a[1] * b[1, n] + a[2] * b[2, n] + a[3] * b[3, n] + a[4] * b[4, n] + a[5] * b[5, n]
         + a[6] * b[6, n] + a[7] * b[7, n] + a[8] * b[8, n] + a[9] * b[9, n] + a[10] * b[10, n] + a[11] * b[11, n]
@@ -267,9 +267,9 @@ def column_product(column, rows, n):
 @inline
 def add_factors_adjoint(first, sums, by_forces, target, row):
     """Add what the adjoint of the forces says of three factors, of d or of a row of R, to `target` from `row` on."""
-    a, b, c = column_of(sums, first), column_of(sums, first + 1), column_of(sums, first + 2)
+    a, b, c = sum_rows(sums[first]), sum_rows(sums[first + 1]), sum_rows(sums[first + 2])
     for n in range(LANES):
-        by_factors = (column_product(a, by_forces, n), column_product(b, by_forces, n), column_product(c, by_forces, n))
+        by_factors = sum_product(a, by_forces, n), sum_product(b, by_forces, n), sum_product(c, by_forces, n)
         add_lane(target, n, by_factors, row)
 
 
@@ -303,9 +303,7 @@ def guided_forces_adjoint(state, R, run, chain):
             factor = R[j - 4]
         elif j > 0:
             factor = d[j - 1]
-        by_column, by_forces = chain.constants.sums[j].flat, chain.forces.flat
-        for n in range(SUM_ROWS * LANES):
-            by_column[n] += factor * by_forces[n]
+        add_scaled(chain.constants.sums[j], factor, chain.forces)
 
 
 @inline
@@ -329,8 +327,10 @@ def collect_sums(i, sign, run, sweep):
     chain, spring = sweep.chain, run.springs[i]
     if not spring.in_sums:
         return
-    by_sums, by_spring, row, column = chain.constants.sums, chain.spring, chain.row, chain.column
+    by_sums, by_forces, by_row, by_spring = chain.constants.sums, chain.forces, chain.row_entries, chain.spring
+    by_f_1, by_column = chain.by_f_1, chain.by_column
     row_and_column(spring, run.cubics, chain)
+    row = sum_rows(chain.row)
     n_1, a, b = vector(spring.guide), vector(spring.platform_seat), vector(spring.satellite_seat)
     along = dot(n_1, a)
     # The law is linear in the stroke, f = f_0 + f_1 s, and so are its derivatives.
@@ -341,39 +341,31 @@ def collect_sums(i, sign, run, sweep):
     f_1 *= scale
     stiffness_1 -= stiffness_0
     deformation_1 -= deformation_0
-    by_f_0, by_f_1, by_entry, by_column = chain.by_f_0, chain.by_f_1, chain.by_entry, chain.by_column
+    clear(by_row)
+    for j in range(SUM_COLUMNS):
+        add_scaled(by_row, chain.column[j], by_sums[j])
+    for n in range(LANES):
+        by_f_1[n] = 0.0
+    for j in range(SUM_ROWS):
+        # An entry of the row, n_1 or n_1 b^T, stands in the column as well, times f_1.
+        entry = chain.row[j]
+        copy(by_forces, by_sums[1 + j])
+        for n in range(LANES):
+            by_column[n] = sum_product(row, by_forces.rows, n)
+            by_f_1[n] += entry * by_column[n]
+        for n in range(LANES):
+            by_row.rows[j, n] += f_1 * by_column[n]
     clear(by_spring)
     for n in range(LANES):
-        total = 0.0
-        for j in range(SUM_ROWS):
-            total += row[j] * by_sums[0].rows[j, n]
-        by_f_0[n] = sign * total
-        by_f_1[n] = -along * sign * total
-    for j in range(SUM_ROWS):
-        # An entry of the row, n_1 or n_1 b^T, which stands in the column as well, times f_1.
-        for n in range(LANES):
-            of_row = 0.0
-            of_column = 0.0
-            for m in range(SUM_COLUMNS):
-                of_row += column[m] * by_sums[m].rows[j, n]
-            for m in range(SUM_ROWS):
-                of_column += row[m] * by_sums[1 + j].rows[m, n]
-            by_column[n] = sign * of_column
-            by_entry[n] = sign * (of_row + f_1 * of_column)
-        axis = j if j < 3 else (j - 3) // 3
-        arm = (j - 3) % 3
-        share = 1.0 if j < 3 else b[arm]
-        for n in range(LANES):
-            by_f_1[n] += row[j] * by_column[n]
-            by_spring.guide[axis, n] += share * by_entry[n]
-        if j >= 3:
-            for n in range(LANES):
-                by_spring.satellite_seat[arm, n] += n_1[axis] * by_entry[n]
-    for n in range(LANES):
-        by_constant = -f_1 * by_f_0[n]
-        add_lane(by_spring.guide, n, scaled(by_constant, a))
+        by_f_0 = sum_product(row, by_sums[0].rows, n)
+        by_slope = by_f_1[n] - along * by_f_0
+        by_constant = -f_1 * by_f_0
+        by_n_1 = lane(by_row.rows, n)
+        by_product = (*lane(by_row.rows, n, 3), *lane(by_row.rows, n, 6), *lane(by_row.rows, n, 9))
+        put_lane(by_spring.guide, n, plus(plus(by_n_1, times(by_product, b)), scaled(by_constant, a)))
+        put_lane(by_spring.satellite_seat, n, transposed_times(by_product, n_1))
         put_lane(by_spring.platform_seat, n, scaled(by_constant, n_1))
-        by_spring.scale[n] = (f_0 * by_f_0[n] + f_1 * by_f_1[n]) / scale
-        by_spring.stiffness[n] = scale * (stiffness_0 * by_f_0[n] + stiffness_1 * by_f_1[n])
-        by_spring.deformation[n] = scale * (deformation_0 * by_f_0[n] + deformation_1 * by_f_1[n])
-    add(sweep.springs[i], by_spring)
+        by_spring.scale[n] = (f_0 * by_f_0 + f_1 * by_slope) / scale
+        by_spring.stiffness[n] = scale * (stiffness_0 * by_f_0 + stiffness_1 * by_slope)
+        by_spring.deformation[n] = scale * (deformation_0 * by_f_0 + deformation_1 * by_slope)
+    add_scaled(sweep.springs[i], sign, by_spring)

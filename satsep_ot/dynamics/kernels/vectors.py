@@ -6,7 +6,7 @@ Unit quaternions [w, x, y, z] turn body components into reference components. So
 
 import math
 
-from satsep_ot.dynamics.kernels.compilation import inline
+from satsep_ot.dynamics.kernels.compilation import inline, kernel
 from satsep_ot.dynamics.kernels.records import LANES
 
 ZERO = (0.0, 0.0, 0.0)
@@ -199,6 +199,22 @@ def add(target, source):
     numbers, others = target.flat, source.flat
     for n in range(numbers.shape[0]):
         numbers[n] += others[n]
+
+
+@kernel
+def copy(target, source):
+    """Write a record of adjoints over another one."""
+    numbers, others = target.flat, source.flat
+    for n in range(numbers.shape[0]):
+        numbers[n] = others[n]
+
+
+@kernel
+def add_scaled(target, factor, source):
+    """Add a multiple of a record of adjoints to another one."""
+    numbers, others = target.flat, source.flat
+    for n in range(numbers.shape[0]):
+        numbers[n] += factor * others[n]
 
 
 @inline
