@@ -15,7 +15,6 @@ from satsep_ot.dynamics.kernels.force_lines import contact, contact_adjoint
 from satsep_ot.dynamics.kernels.records import LANES, SUM_COLUMNS, SUM_ROWS
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
-    add,
     add_lane,
     add_product,
     add_rows,
