@@ -823,7 +823,8 @@ def test_gradients_that_are_0_where_the_values_vary_are_remarked():
     assert algorithm.getResult().getEigenvalues()[1] > 0.1
     algorithm.setGradientMethod("Exact")
     algorithm.run()
-    assert "all gradients of output(s) 1 are 0, though the values vary" in algorithm.getResult().getRemarks()[-1]
+    remarks = algorithm.getResult().getRemarks()
+    assert any("all gradients of output(s) 1 are 0, though the values vary" in remark for remark in remarks)
     assert algorithm.getResult().getEigenvalues()[1] == 0.0
     algorithm.setGradientMethod("CentralDifference")
     algorithm.run()
@@ -889,3 +890,74 @@ def test_names_of_the_outputs_survive(tmp_path):
         assert list(one.getOutputSample().getDescription()) == ["stress", "gap"]
         assert list(one.getRegressionResult().getMetaModel().getOutputDescription()) == ["stress", "gap"]
         assert one.drawSufficientSummary(1).getTitle() == "Sufficient summary of gap"
+
+
+@pytest.mark.parametrize(
+    ("formula", "heavy"),
+    [("a^2", False), ("exp(0.4 * a)", False), ("exp(a)", True), ("a^5", True), ("a + 100 * max(a - 2, 0)", True)],
+)
+def test_few_long_gradients_leave_no_upper_bound(formula, heavy):
+    function = ot.SymbolicFunction(["a", "b"], [f"{formula} + 0.001 * b"])
+    result = result_of(function, ot.Normal(2), setSamplingSize=100, setDimension=1)
+    assert result.hasHeavyTail() == heavy
+    assert (result.getEffectiveGradientNumber() < 20.0) == heavy
+    assert any("heavy tail" in remark for remark in result.getRemarks()) == heavy
+    for interval in (
+        result.getEigenvaluesInterval(),
+        result.getActivityScoresInterval(),
+        result.getDerivativeBasedIndicesInterval(),
+        result.getErrorBoundInterval(),
+    ):
+        assert list(interval.getFiniteUpperBound()) == [not heavy] * interval.getDimension()
+        assert np.isinf(np.array(interval.getUpperBound())).all() == heavy
+        assert np.isfinite(np.array(interval.getLowerBound())).all()
+    for graph in (result.drawEigenvalues(), result.drawActivityScores()):
+        assert np.isfinite(np.array(graph.getBoundingBox().getUpperBound())).all()
+
+
+def test_the_effective_number_of_gradients_is_that_of_the_weights_too():
+    points = np.random.default_rng(0).standard_normal((40, 2))
+    gradients = np.ones((40, 2))
+    search = ActiveSubspaceAlgorithm.FromGradientSample(
+        ot.Normal(2), points, points[:, :1], gradients, np.r_[np.ones(4), np.zeros(36)]
+    )
+    search.run()
+    assert search.getResult().getEffectiveGradientNumber() == pytest.approx(4.0)
+    assert not search.getResult().hasHeavyTail()
+
+
+def test_gradients_of_physical_runs_are_those_of_the_transformed_ones():
+    law = ot.JointDistribution(
+        [ot.LogNormal(0.0, 0.3), ot.Normal(1.0, 2.0)], ot.NormalCopula(ot.CorrelationMatrix([[1.0, 0.5], [0.5, 1.0]]))
+    )
+    function = ot.SymbolicFunction(["a", "b"], ["a^2 * b"])
+    inputs = np.array(law.getSample(30))
+    gradients = np.stack([np.array(function.gradient(x)) for x in inputs])
+    search = ActiveSubspaceAlgorithm.FromPhysicalGradientSample(law, inputs, function(inputs), gradients)
+    search.setBootstrapSize(20)
+    search.run()
+    result = search.getResult()
+    space = result.getStandardSpace()
+    points = np.array(result.getStandardSample())
+    np.testing.assert_allclose(space.toPhysical(points), inputs, rtol=1e-9)
+    for i in range(2):
+        step = 1e-5 * np.eye(2)[i]
+        slope = (
+            np.array(function(space.toPhysical(points + step))) - np.array(function(space.toPhysical(points - step)))
+        ) / 2e-5
+        np.testing.assert_allclose(result.getGradientSample()[:, i], slope, rtol=1e-5, atol=1e-6)
+    assert list(result.getOutputSample().getDescription()) == ["y0"]
+    with pytest.raises(ValueError, match=r"Row 1 of the inputs is outside the range"):
+        ActiveSubspaceAlgorithm.FromPhysicalGradientSample(
+            law, [[1.0, 1.0], [-1.0, 1.0]], [[1.0], [1.0]], np.ones((2, 2))
+        )
+    with pytest.raises(ValueError, match=r"inputs must have shape \(n, 2\)"):
+        ActiveSubspaceAlgorithm.FromPhysicalGradientSample(law, [[1.0]], [[1.0]], np.ones((1, 1)))
+    with pytest.raises(ValueError, match=r"gradients have shape \(2, 2, 1\)"):
+        ActiveSubspaceAlgorithm.FromPhysicalGradientSample(law, [[1.0, 1.0]], [[1.0]], np.ones((2, 2)))
+
+
+def test_dimensions_are_compared_before_the_transformation_is_made(monkeypatch):
+    monkeypatch.setattr("satsep_ot.methods.subspaces.algorithm.StandardSpace", lambda distribution: 1 / 0)
+    with pytest.raises(ValueError, match="The function has 1 inputs but the distribution has dimension 2"):
+        ActiveSubspaceAlgorithm(ot.SymbolicFunction("x", "x"), ot.Normal(2))

@@ -672,3 +672,42 @@ def test_a_law_without_variance_is_refused_in_a_sentence(law):
     regression = MultivariatePolynomialRegression(inputs, inputs, law)
     with pytest.raises(ValueError, match="has no finite mean and standard deviation, so that no polynomials"):
         regression.run()
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_the_cross_validated_interval_holds_where_the_polynomial_is_not_the_truth(weighted):
+    random = np.random.default_rng(5)
+    held, assumed = [], []
+    for _ in range(40):
+        inputs, fresh = random.standard_normal((100, 2)), random.standard_normal((50, 2))
+        truth = np.exp(0.5 * fresh.sum(axis=1, keepdims=True))
+        regression = MultivariatePolynomialRegression(
+            inputs, np.exp(0.5 * inputs.sum(axis=1, keepdims=True)), ot.Normal(2)
+        )
+        regression.setDegree(3)
+        if weighted:
+            regression.setWeights(np.r_[np.ones(80), np.zeros(20)])
+        regression.run()
+        for found, interval in (
+            (held, regression.getResult().getCrossValidatedInterval(fresh)),
+            (assumed, regression.getResult().getPredictionInterval(fresh, noise=False)),
+        ):
+            found.append(np.mean((interval[0] <= truth) & (truth <= interval[1])))
+    assert 0.92 < np.mean(held) < 0.99
+    assert np.mean(assumed) < 0.7
+
+
+def test_the_cross_validated_interval_needs_points_for_its_level():
+    random = np.random.default_rng(5)
+    inputs = random.standard_normal((15, 1))
+    regression = MultivariatePolynomialRegression(inputs, np.sin(inputs), ot.Normal(1))
+    regression.setDegree(1)
+    regression.run()
+    with pytest.raises(ValueError, match=r"15 points are too few for the level 0\.95: 19 at least"):
+        regression.getResult().getCrossValidatedInterval(inputs)
+    lower, upper = regression.getResult().getCrossValidatedInterval(inputs, 0.9)
+    # (15 + 1) 0.9 = 14.4: the largest error of all.
+    largest = np.abs(np.array(regression.getResult().getLeaveOneOutResiduals())).max()
+    np.testing.assert_allclose(upper - lower, 2.0 * largest)
+    with pytest.raises(ValueError, match="confidence level must be in"):
+        regression.getResult().getCrossValidatedInterval(inputs, 1.0)

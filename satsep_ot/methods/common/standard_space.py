@@ -166,6 +166,23 @@ class StandardSpace:
         """T^-1, standard to physical, as a native :py:class:`openturns.Function`."""
         return self._inverse
 
+    def refuseOutside(self, physicalSample: np.ndarray) -> None:
+        """Refuse points (n, d) outside the range of the distribution, for which T would return some large number.
+
+        Raises
+        ------
+        ValueError
+            A shape that does not fit, or the first such row.
+        """
+        if physicalSample.ndim != 2 or physicalSample.shape[1] != self.getDimension():
+            raise ValueError(f"The inputs must have shape (n, {self.getDimension()}), got {physicalSample.shape}.")
+        inside = np.array(self._distribution.computeLogPDF(physicalSample))[:, 0] > -1e300
+        if not inside.all():
+            row = int((~inside).argmax())
+            raise ValueError(
+                f"Row {row} of the inputs is outside the range of the distribution: {physicalSample[row].tolist()}."
+            )
+
     def toStandard(self, physicalSample: ArrayLike) -> np.ndarray:
         """Standard points (n, d) of physical points (n, d), both ndarrays."""
         return np.array(self._transformation(np.asarray(physicalSample, dtype=float)))

@@ -229,7 +229,11 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
         return ot.CovarianceMatrix(self.getNoiseVariance()[output] * self._fit.relative_covariance())
 
     def getCoefficientsInterval(self, level: float = 0.95, output: int = 0) -> ot.Interval:
-        """Student intervals of the coefficients of one output, :py:class:`openturns.Interval` (P)."""
+        """Student intervals of the coefficients of one output, :py:class:`openturns.Interval` (P).
+
+        Conditional on the polynomial: they hold where the outputs are a polynomial of this degree plus independent
+        noise. Of another function they say how well the nearest polynomial is known, if the noise dominates.
+        """
         deviation = self._noise()[output] * np.sqrt(self._fit.relative_covariance().diagonal())
         half = self._quantile(level) * deviation
         coefficients = self._fit.coefficients[:, output]
@@ -257,9 +261,47 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
     def getPredictionInterval(
         self, points: np.ndarray, level: float = 0.95, noise: bool = True
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Student intervals of predictions at points (n, d): lower and upper ndarray, each (n, p)."""
+        """Student intervals of predictions at points (n, d): lower and upper ndarray, each (n, p).
+
+        Conditional on the polynomial: they hold where the outputs are a polynomial of this degree plus independent
+        noise. If they are not (exp without noise, say), the interval of the mean holds far less often than its level,
+        and less the more points there are; :meth:`getCrossValidatedInterval` does not assume it.
+        """
         quantile = self._quantile(level)
         half = quantile * self._predictionDeviation(points, noise)
+        mean = self.evaluate(points)
+        return mean - half, mean + half
+
+    def getCrossValidatedInterval(self, points: np.ndarray, level: float = 0.95) -> tuple[np.ndarray, np.ndarray]:
+        """Intervals of new outputs at points (n, d), from leave-one-out errors: lower and upper ndarray, each (n, p).
+
+        The half width is the quantile of the absolute leave-one-out errors (the jackknife of Barber et al., Ann. Stat.
+        49, 2021), whether or not the polynomial is the truth. It holds on average over new inputs that are drawn as
+        those of the sample were, not at each of them; and with directions found from the same data (as by
+        :class:`~satsep_ot.methods.subspaces.ridge_approximation.RidgeApproximation`) the errors look too small.
+
+        Raises
+        ------
+        ValueError
+            A point of leverage 1, or too few points for the level: (N + 1) level must not exceed N.
+        """
+        errors = np.abs(self._fit.leave_one_out())
+        if not np.isfinite(errors).all():
+            raise ValueError("A point of leverage 1 has no leave-one-out error: its interval is not known.")
+        self._quantile(level)
+        weights = np.ones(len(errors)) if self._fit.weights is None else self._fit.weights
+        used = weights > 0.0
+        errors, weights = errors[used], weights[used] / weights[used].mean()
+        # One more point of average weight, of which nothing is known, may have any error.
+        wanted = level * (weights.sum() + 1.0)
+        if wanted > weights.sum():
+            needed = math.ceil(level / (1.0 - level))
+            raise ValueError(f"{len(errors)} points are too few for the level {level}: {needed} at least are needed.")
+        half = np.empty(errors.shape[1])
+        for output, column in enumerate(errors.T):
+            order = np.argsort(column)
+            place = np.searchsorted(np.cumsum(weights[order]), wanted * (1.0 - 1e-12))
+            half[output] = column[order[place]]
         mean = self.evaluate(points)
         return mean - half, mean + half
 

@@ -62,8 +62,8 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         self._given = function if isinstance(function, GradientSample) else None
         self._function = None if self._given else ot.Function(function)
         self._gradientSampleFunction = getattr(function, "computeGradientSample", None)
-        self._space = StandardSpace(nameInputs(distribution, self._function) if self._function else distribution)
-        d = self._space.getDimension()
+        # Before the transformation, which may take long.
+        d = distribution.getDimension()
         if self._function and self._function.getInputDimension() != d:
             raise ValueError(
                 f"The function has {self._function.getInputDimension()} inputs but the distribution has dimension {d}."
@@ -72,6 +72,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
             raise ValueError(
                 f"The points have {self._given.points.shape[1]} coordinates but the distribution has dimension {d}."
             )
+        self._space = StandardSpace(nameInputs(distribution, self._function) if self._function else distribution)
         self._outputs = list(self._function.getOutputDescription()) if self._function else None
         self._samplingSize = math.ceil(setting("ActiveSubspaceAlgorithm-SamplingFactor") * math.log(max(d, 2)))
         self._gradientMethod = "Automatic"
@@ -113,6 +114,58 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         if isinstance(outputSample, ot.Sample):
             algorithm._outputs = list(outputSample.getDescription())
         return algorithm
+
+    @classmethod
+    def FromPhysicalGradientSample(
+        cls,
+        distribution: ot.Distribution,
+        inputSample: ArrayLike,
+        outputSample: ArrayLike,
+        gradientSample: ArrayLike,
+        weights: ArrayLike | None = None,
+    ) -> "ActiveSubspaceAlgorithm":
+        """The algorithm on runs with gradients that one already has, as a simulator wrote them; it evaluates nothing.
+
+        Runs without gradients are for :class:`~satsep_ot.methods.subspaces.ridge_approximation.RidgeApproximation`.
+
+        Parameters
+        ----------
+        distribution : :py:class:`openturns.Distribution`
+            What the inputs were drawn from; for others give the ratios of the densities as weights.
+        inputSample : array (M, d)
+            Physical inputs, inside the range of the distribution.
+        outputSample : array (M, p)
+        gradientSample : array (M, d, p), or (M, d) for one output
+            Derivatives with respect to the physical inputs.
+        weights : array (M,), optional
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import openturns as ot
+        >>> from satsep_ot import ActiveSubspaceAlgorithm
+        >>> law = ot.Normal([0.0, 0.0], [1.0, 2.0])
+        >>> inputs = np.array(law.getSample(20))
+        >>> search = ActiveSubspaceAlgorithm.FromPhysicalGradientSample(
+        ...     law, inputs, inputs.sum(axis=1, keepdims=True), np.ones((20, 2))
+        ... )
+        >>> search.run()
+        >>> search.getResult().getEigenvalues()[0].__round__(9)
+        5.0
+        """
+        space = StandardSpace(distribution)
+        inputs, gradients = (np.array(array, dtype=float) for array in (inputSample, gradientSample))
+        if gradients.ndim == 2:
+            gradients = gradients[:, :, None]
+        space.refuseOutside(inputs)
+        if gradients.shape[:2] != inputs.shape:
+            raise ValueError(
+                f"The gradients have shape {gradients.shape}; (M, d, p) with {inputs.shape} for (M, d) is needed."
+            )
+        points = space.toStandard(inputs)
+        return cls.FromGradientSample(
+            distribution, points, outputSample, space.chainGradient(points, gradients), weights
+        )
 
     def _shown(self):
         return {

@@ -92,8 +92,8 @@ def drawSufficientSummary(
     return graph
 
 
-def addBand(graph: ot.Graph, middle: np.ndarray, lower: np.ndarray, upper: np.ndarray, level: float) -> None:
-    """Points joined by a line, and the dashed edges of a band, over 1, 2, ..."""
+def addBand(graph: ot.Graph, middle: np.ndarray, lower: np.ndarray, upper: np.ndarray | None, level: float) -> None:
+    """Points joined by a line, and the dashed edges of a band, over 1, 2, ...; no upper edge where it is None."""
     number = np.arange(1.0, len(middle) + 1.0)
     curve = ot.Curve(number, middle)
     curve.setColor("steelblue")
@@ -102,7 +102,7 @@ def addBand(graph: ot.Graph, middle: np.ndarray, lower: np.ndarray, upper: np.nd
     points.setColor("steelblue")
     points.setPointStyle("fcircle")
     graph.add(points)
-    for place, bound in enumerate((lower, upper)):
+    for place, bound in enumerate((lower,) if upper is None else (lower, upper)):
         edge = ot.Curve(number, bound)
         edge.setLineStyle("dashed")
         edge.setColor("black")
@@ -110,8 +110,9 @@ def addBand(graph: ot.Graph, middle: np.ndarray, lower: np.ndarray, upper: np.nd
         graph.add(edge)
 
 
-def drawScores(scores: np.ndarray, lower: np.ndarray, upper: np.ndarray, names: Sequence[str]) -> ot.Graph:
-    """Scores (d,) of inputs as bars with whiskers, the largest first."""
+def drawScores(scores: np.ndarray, lower: np.ndarray, upper: np.ndarray | None, names: Sequence[str]) -> ot.Graph:
+    """Scores (d,) of inputs as bars with whiskers, the largest first; without upper bounds from the bar down."""
+    upper = np.maximum(scores, lower) if upper is None else upper
     order = np.argsort(-scores, kind="stable")
     ranked = ", ".join(names[i] for i in order[:5])
     graph = ot.Graph(f"Activity scores, largest: {ranked}", "input", "score", True, "")

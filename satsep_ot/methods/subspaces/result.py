@@ -34,8 +34,11 @@ class ActiveSubspaceResult(OpenTURNSObject):
 
     Intervals are bootstrap quantiles over the gradient sample, all outputs of a point together. Those of eigenvalues,
     scores and the error bound are reflected on the logarithmic scale, which takes their bias back
-    (:func:`~satsep_ot.methods.subspaces.estimation.reflected_bands`). They hold for eigenvalues that stand alone;
-    within a group of equal ones (:meth:`getRepeatedGroups`) no bootstrap covers at its level.
+    (:func:`~satsep_ot.methods.subspaces.estimation.reflected_bands`). They hold on two conditions: for eigenvalues that
+    stand alone, since within a group of equal ones (:meth:`getRepeatedGroups`) no bootstrap covers at its level; and
+    for a sample that has seen the steep parts of the function. Where few long gradients decide (:meth:`hasHeavyTail`),
+    their upper bounds are infinite, since nothing bounds what longer ones would add; a steep part on 2 % of the points
+    that no point of the sample lies in is not noticed by any interval.
 
     Examples
     --------
@@ -94,9 +97,27 @@ class ActiveSubspaceResult(OpenTURNSObject):
         return ot.Point(self._analysis.eigenvalues)
 
     def getEigenvaluesInterval(self, level: float = 0.95) -> ot.Interval:
-        """Bootstrap interval of each eigenvalue, an :py:class:`openturns.Interval`."""
+        """Bootstrap interval of each eigenvalue, an :py:class:`openturns.Interval`.
+
+        On the conditions that the class names; without upper bounds under a heavy tail.
+        """
         _checkLevel(level)
-        return ot.Interval(*self._eigenvalueBands(level))
+        return self._interval(*self._eigenvalueBands(level))
+
+    def _interval(self, lower, upper):
+        """The interval of these bands (k,); without upper bounds where the gradients have a heavy tail."""
+        bounded = not self._analysis.heavy_tailed
+        return ot.Interval(
+            lower, upper if bounded else np.full(len(upper), np.inf), [True] * len(lower), [bounded] * len(lower)
+        )
+
+    def getEffectiveGradientNumber(self) -> float:
+        """How many gradients decide: (sum of squared lengths)^2 / sum of their squares, at most their number."""
+        return self._analysis.effective_gradients
+
+    def hasHeavyTail(self) -> bool:
+        """Whether few long gradients decide the eigenvalues: fewer than a fifth of them, and than 60."""
+        return self._analysis.heavy_tailed
 
     def _eigenvalueBands(self, level):
         return reflected_bands(self._analysis.eigenvalues, self._analysis.eigenvalueReplicates, level)
@@ -114,7 +135,11 @@ class ActiveSubspaceResult(OpenTURNSObject):
         return ot.Point(self._analysis.distances.mean(axis=0))
 
     def getSubspaceErrorInterval(self, level: float = 0.95) -> ot.Interval:
-        """Bootstrap quantile interval of the subspace distance for the dimensions 1, 2, ..."""
+        """Bootstrap quantile interval of the subspace distance for the dimensions 1, 2, ...
+
+        It is the error of the sampling alone: that the function has these directions only where it was sampled, or that
+        differences have errors of their own, is not in it.
+        """
         _checkLevel(level)
         return ot.Interval(*quantile_bands(self._analysis.distances, level))
 
@@ -138,8 +163,12 @@ class ActiveSubspaceResult(OpenTURNSObject):
         return dict(self._analysis.choices)
 
     def getRemarks(self) -> list[str]:
-        """Sentences on what a reader should know: unresolved eigenvalues, criteria that disagree, a target missed."""
-        return list(self._analysis.remarks)
+        """Sentences on what a reader should know.
+
+        Unresolved eigenvalues, no reduction, criteria that disagree, a target missed, a heavy tail of the gradients, an
+        inexact transformation of the inputs.
+        """
+        return [*self._analysis.remarks, *self._space.getRemarks()]
 
     def isConstant(self) -> bool:
         """Whether the gradients are 0 up to rounding and up to the noise of the differences, and the values agree."""
@@ -256,7 +285,7 @@ class ActiveSubspaceResult(OpenTURNSObject):
         return ot.Point((self._analysis.vectors[:, :n] ** 2) @ self._analysis.eigenvalues[:n])
 
     def getActivityScoresInterval(self, level: float = 0.95, dimension: int | None = None) -> ot.Interval:
-        """Bootstrap interval of the activity scores."""
+        """Bootstrap interval of the activity scores, on the conditions that the class names."""
         _checkLevel(level)
         if (self._analysis.dimension if dimension is None else dimension) == len(self._analysis.eigenvalues):
             return self.getDerivativeBasedIndicesInterval(level)
@@ -264,7 +293,7 @@ class ActiveSubspaceResult(OpenTURNSObject):
         replicates = np.einsum(
             "bij,bj->bi", self._analysis.vectorReplicates[:, :, :n] ** 2, self._analysis.eigenvalueReplicates[:, :n]
         )
-        return ot.Interval(*reflected_bands(np.array(self.getActivityScores(n)), replicates, level))
+        return self._interval(*reflected_bands(np.array(self.getActivityScores(n)), replicates, level))
 
     def _scoreDimension(self, dimension, largest):
         if dimension is None:
@@ -281,12 +310,12 @@ class ActiveSubspaceResult(OpenTURNSObject):
         return ot.Point(np.array(self.getWeights()) @ self._squares())
 
     def getDerivativeBasedIndicesInterval(self, level: float = 0.95) -> ot.Interval:
-        """Bootstrap interval of the derivative-based sensitivity."""
+        """Bootstrap interval of the derivative-based sensitivity, on the conditions that the class names."""
         _checkLevel(level)
         weights = self._analysis.counts * np.array(self.getWeights())
         total = weights.sum(axis=1, keepdims=True)
         replicates = (weights / np.where(total > 0.0, total, 1.0)) @ self._squares()
-        return ot.Interval(*reflected_bands(np.array(self.getDerivativeBasedIndices()), replicates, level))
+        return self._interval(*reflected_bands(np.array(self.getDerivativeBasedIndices()), replicates, level))
 
     def getTotalSobolBound(self) -> ot.Point:
         """Upper bounds nu_i / Var g of the total Sobol indices in U (Poincare inequality; one output).
@@ -314,12 +343,12 @@ class ActiveSubspaceResult(OpenTURNSObject):
         return 1.0 if self._analysis.units is None or len(self._analysis.units) > 1 else self._analysis.units[0]
 
     def getErrorBoundInterval(self, level: float = 0.95) -> ot.Interval:
-        """Bootstrap interval (1-dimensional) of the error bound."""
+        """Bootstrap interval (1-dimensional) of the error bound, on the conditions that the class names."""
         _checkLevel(level)
         unit = self._boundUnit()
         replicates = np.sqrt(self._analysis.eigenvalueReplicates[:, self._analysis.dimension :].sum(axis=1))
         lower, upper = reflected_bands(np.array([self.getErrorBound() / unit]), replicates[:, None], level)
-        return ot.Interval(lower * unit, upper * unit)
+        return self._interval(lower * unit, upper * unit)
 
     def getEvaluationNumber(self) -> int:
         """Evaluations of the function, including finite differences and the estimate of the noise."""
@@ -381,6 +410,8 @@ class ActiveSubspaceResult(OpenTURNSObject):
         if self._analysis.eigenvalues[0] > 0.0:
             graph.setLogScale(ot.GraphImplementation.LOGY)
         lower, upper = (np.maximum(band[:number], floor) for band in self._eigenvalueBands(level))
+        if self._analysis.heavy_tailed:
+            upper = None
         addBand(graph, self._analysis.eigenvalues[:number], lower, upper, level)
         return graph
 
@@ -396,7 +427,8 @@ class ActiveSubspaceResult(OpenTURNSObject):
     def drawActivityScores(self, level: float = 0.95, names: Sequence[str] | None = None) -> ot.Graph:
         """Activity scores with bootstrap intervals, largest first, :py:class:`openturns.Graph`."""
         interval = self.getActivityScoresInterval(level)
-        lower, upper = np.array(interval.getLowerBound()), np.array(interval.getUpperBound())
+        lower = np.array(interval.getLowerBound())
+        upper = None if self._analysis.heavy_tailed else np.array(interval.getUpperBound())
         names = list(names or self._space.getDistribution().getDescription())
         return drawScores(np.array(self.getActivityScores()), lower, upper, names)
 

@@ -59,10 +59,9 @@ class RidgeApproximation(OpenTURNSObject):
     """
 
     def __init__(self, inputSample: ArrayLike, outputSample: ArrayLike, distribution: ot.Distribution) -> None:
-        self._space = StandardSpace(distribution)
         physical = np.array(inputSample, dtype=float)
         self._values = np.array(outputSample, dtype=float)
-        d = self._space.getDimension()
+        d = distribution.getDimension()
         if physical.ndim != 2 or self._values.ndim != 2 or len(physical) != len(self._values) or physical.shape[1] != d:
             raise ValueError(
                 f"The samples must have shapes (N, {d}) and (N, p), got {physical.shape} and {self._values.shape}."
@@ -73,13 +72,8 @@ class RidgeApproximation(OpenTURNSObject):
                 f"A fit needs finite data, but {int((~finite).sum())} of {len(finite)} rows are not, "
                 f"the first is row {int((~finite).argmax())}."
             )
-        # Outside its support T would return some large number instead of refusing.
-        inside = np.array(self._space.getDistribution().computeLogPDF(physical))[:, 0] > -1e300
-        if not inside.all():
-            row = int((~inside).argmax())
-            raise ValueError(
-                f"Row {row} of the inputs is outside the range of the distribution: {physical[row].tolist()}."
-            )
+        self._space = StandardSpace(distribution)
+        self._space.refuseOutside(physical)
         self._physical = physical
         self._points = self._space.toStandard(physical)
         self._outputs = list(outputSample.getDescription()) if isinstance(outputSample, ot.Sample) else None
@@ -278,7 +272,7 @@ class RidgeApproximationResult(OpenTURNSObject):
         """Sentences on what a reader should know: few points for the unknowns, an iteration that did not converge."""
         d, r = self._fit.directions.shape
         unknowns = d * r + self._fit.polynomial.basis.size
-        remarks = []
+        remarks = self._space.getRemarks()
         if len(self._points) < 3 * unknowns:
             remarks.append(
                 f"{len(self._points)} points for {unknowns} unknowns: {3 * unknowns} are recommended (3 for each)."

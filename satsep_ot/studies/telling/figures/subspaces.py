@@ -69,6 +69,8 @@ def draw_eigenvalues(
         return ax
     index = np.arange(1, count + 1)
     values, lower, upper = values[:count], lower[:count], upper[:count]
+    # Where an upper bound is not known, the band ends at the estimate.
+    upper = np.where(np.isfinite(upper), upper, values)
     ax.set_yscale("log")
     ax.fill_between(
         index, np.where(lower > 0.0, lower, values), upper, color=GREY, alpha=0.6, linewidth=0,
