@@ -220,7 +220,8 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
         "gradients", "seconds", "converged", "note", "unseen_bound",
     ]  # fmt: skip
     assert {path.name for path in output.iterdir()} == {
-        "results.json", "motion.json", "case.toml", "figures", "report.html", "origin.json", "runs", "steps",
+        "results.json", "motion.json", "case.toml", "figures", "report.html", "origin.json", "manifest.json", "runs",
+        "steps",
     }  # fmt: skip
     figures = {figure["file"] for figure in results["figures"]}
     assert {path.name for path in (output / "figures").iterdir()} == figures

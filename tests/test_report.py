@@ -21,6 +21,13 @@ from satsep_ot.studies.telling.report import render_report, write_report
 from satsep_ot.studies.telling.words import probability_text
 from tests.browser import PROGRAM, Browser
 
+
+def copy_freely(directory, copy):
+    """A copy of a study that may be edited: without its checksums, as version 0.1.0 wrote it."""
+    shutil.copytree(directory, copy)
+    (copy / "manifest.json").unlink()
+
+
 CASE = f"""name = "small <case> & co"
 {SMALL}{MASS_AND_RATE}cant = {{ quantity = "springs.cant.each", sigma = 0.02 }}
 [[requirements]]
@@ -217,7 +224,7 @@ def test_the_most_likely_violation_of_a_known_case(results):
 
 def test_runs_that_end_without_an_answer_are_no_advice(directory, tmp_path):
     copy = tmp_path / "copy"
-    shutil.copytree(directory, copy)
+    copy_freely(directory, copy)
     changed = json.loads((copy / "results.json").read_text(encoding="utf-8"))
     halved = changed["tightened"]["rolling </script>"][0]
     halved.update(probability=0.0, lower95=0.0, upper95=0.0567, converged=False)
@@ -233,7 +240,7 @@ def test_runs_that_end_without_an_answer_are_no_advice(directory, tmp_path):
 
 def test_nothing_is_advised_where_no_violation_is_known(directory, tmp_path):
     copy = tmp_path / "copy"
-    shutil.copytree(directory, copy)
+    copy_freely(directory, copy)
     changed = json.loads((copy / "results.json").read_text(encoding="utf-8"))
     for row in changed["rows"]:
         if row["requirement"] == "rolling </script>" and row["upper95"] is not None:
@@ -247,7 +254,7 @@ def test_nothing_is_advised_where_no_violation_is_known(directory, tmp_path):
 
 def test_a_pure_number_has_no_unit(directory, tmp_path):
     copy = tmp_path / "copy"
-    shutil.copytree(directory, copy)
+    copy_freely(directory, copy)
     changed = json.loads((copy / "results.json").read_text(encoding="utf-8"))
     for violation in changed["violations"].values():
         violation["inputs"] = [{**row, "value": 1.0185, "unit": "1"} for row in violation["inputs"]]
@@ -275,7 +282,7 @@ def test_what_is_not_validated_is_what_the_documentation_names(page):
 
 def test_report_command_writes_the_same_page_again(directory, page, tmp_path, capsys):
     copy = tmp_path / "copy"
-    shutil.copytree(directory, copy)
+    copy_freely(directory, copy)
     (copy / "report.html").unlink()
     assert cli.main(["report", str(copy)]) == 0
     assert "report.html written" in capsys.readouterr().out
@@ -284,7 +291,7 @@ def test_report_command_writes_the_same_page_again(directory, page, tmp_path, ca
 
 
 def test_results_of_version_0_1_0_give_a_report(directory, results, tmp_path):
-    shutil.copytree(directory, tmp_path / "old")
+    copy_freely(directory, tmp_path / "old")
     old = {key: value for key, value in results.items() if key not in ("format", "driver_measures")}
     for entry in (*old["rows"], *old["quantities"].values()):
         entry.pop("unseen_bound", None)
@@ -309,7 +316,7 @@ def test_results_of_version_0_1_0_give_a_report(directory, results, tmp_path):
     ],
 )
 def test_damaged_results_are_refused_in_one_sentence(directory, results, tmp_path, damage, sentence):
-    shutil.copytree(directory, tmp_path / "copy")
+    copy_freely(directory, tmp_path / "copy")
     document = json.loads(json.dumps(results))
     damage(document)
     (tmp_path / "copy" / "results.json").write_text(json.dumps(document), encoding="utf-8")
@@ -339,7 +346,7 @@ def test_what_is_no_study_is_refused_in_one_sentence(directory, tmp_path, capsys
         with pytest.raises(ReportError, match=words):
             render_report(tmp_path)
     copy = tmp_path / "copy"
-    shutil.copytree(directory, copy)
+    copy_freely(directory, copy)
     next((copy / "figures").iterdir()).unlink()
     with pytest.raises(ReportError, match="there is no such file"):
         write_report(copy)
@@ -385,7 +392,7 @@ def test_a_real_browser_shows_it(directory, tmp_path, width):
 
 def test_intervals_that_do_not_overlap_are_told_at_the_top(directory, results, tmp_path):
     copy = tmp_path / "study"
-    shutil.copytree(directory, copy)
+    copy_freely(directory, copy)
     assert "do not overlap" not in visible_text(render_report(directory)).split("The answer")[0]
     rows = {row["method"]: row for row in results["rows"] if row["requirement"] == SYSTEM}
     apart = [dict(row) for row in results["rows"]]

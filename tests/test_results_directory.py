@@ -109,7 +109,7 @@ def test_overwrite_removes_what_is_its_own_and_nothing_else(tmp_path):
     (tmp_path / "edited.csv").write_text("0,3", encoding="utf-8")
     open_directory(tmp_path, {**IDENTITY, "case": "b2"}, overwrite=True, files={"case.toml": "second"})
     left = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*") if path.is_file()}
-    assert left == {"case.toml", "edited.csv", "notes.txt", "origin.json"}
+    assert left == {"case.toml", "edited.csv", "manifest.json", "notes.txt", "origin.json"}
     assert (tmp_path / "case.toml").read_text(encoding="utf-8") == "second"
 
 

@@ -273,7 +273,7 @@ def test_overwrite_leaves_what_others_have_put_into_the_folders_of_a_study(direc
     study = SeparationStudy(problem(), ["FORM"], 4, 100, 30, toleranceSize=0)
     study.setDirectory(copy, overwrite=True)
     left = {path.relative_to(copy) for path in copy.rglob("*") if path.is_file()}
-    assert left == foreign | {Path("origin.json"), Path("case.toml")}
+    assert left == foreign | {Path("origin.json"), Path("manifest.json"), Path("case.toml")}
     assert {(copy / name).read_text(encoding="utf-8") for name in foreign} == {"mine"}
     study.close()
 

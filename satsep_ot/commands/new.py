@@ -38,13 +38,10 @@ def run(options: argparse.Namespace) -> int | None:
     if schema_file.exists() and schema_file.read_bytes() != schema.encode():
         return fail(f"{schema_file} exists already and is not overwritten; give another name", 2)
     try:
-        # "x" leaves no moment in which a file that appears meanwhile could be lost.
-        with options.file.open("x", encoding="utf-8") as stream:
-            # Editors take the schema from this line.
-            stream.write(f"#:schema ./{schema_file.name}\n{new_case_text(options.like, options.file.stem)}")
+        # Editors take the schema from the first line.
+        _write(options.file, f"#:schema ./{schema_file.name}\n{new_case_text(options.like, options.file.stem)}")
         if not schema_file.exists():
-            with schema_file.open("x", encoding="utf-8") as stream:
-                stream.write(schema)
+            _write(schema_file, schema)
     except FileExistsError as error:
         return fail(f"{error.filename} exists already and is not overwritten; give another name", 2)
     print(
@@ -52,6 +49,21 @@ def run(options: argparse.Namespace) -> int | None:
         f"  satsep-ot check {options.file}"
     )
     return None
+
+
+def _write(path, text):
+    """Write a new file, whole or not at all."""
+    from satsep_ot.methods.common.storage import namingFile
+
+    with namingFile(path):
+        # "x" leaves no moment in which a file that appears meanwhile could be lost.
+        stream = path.open("x", encoding="utf-8")
+        try:
+            with stream:
+                stream.write(text)
+        except BaseException:
+            path.unlink()
+            raise
 
 
 def left_behind(options: argparse.Namespace) -> str:

@@ -85,6 +85,8 @@ def run(options: argparse.Namespace) -> int | None:
         study.setExecutor(executor)
         # A directory that cannot be written to is refused before the work, not after it.
         study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
+        for path in study.getChangedFiles():
+            fail(f"{path} is not as it was written; what is in it is made again", 0)
         try:
             with progress() as show:
                 study.setProgressCallback(show)

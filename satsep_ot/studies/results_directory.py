@@ -17,10 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from satsep_ot.methods.common.manifest import MANIFEST, Manifest, file_digest
 from satsep_ot.methods.common.storage import TEMPORARY, writeWhole
 
 ORIGIN = "origin.json"
 _FORMAT = 1
+# The files of one step: folder and suffix.
+_OF_STEP = (("steps", ".json"), ("steps", ".npz"), ("runs", ".npz"), ("runs", ".npy"))
 # Names that stand as they are in the name of a file: words with single spaces between them.
 _PLAIN = re.compile(r"\w+( \w+)*", re.ASCII)
 
@@ -46,7 +49,10 @@ class DirectoryError(ValueError):
 class ResultsDirectory:
     """A directory, bound to what is computed in it.
 
-    Every file appears whole or not at all. While the object lives, no other process can open the directory.
+    Every file appears whole or not at all, and `manifest.json` has its checksum. While the object lives, no other
+    process can open the directory.
+
+    Where it is continued, a step that is not as it was written is made again: with `resume`, its files are removed.
 
     Parameters
     ----------
@@ -65,7 +71,13 @@ class ResultsDirectory:
     overwrite : bool
         Remove what is there, of this or another study, and begin anew.
     about : dict, optional
-        More for `origin.json`: names, the command. Nothing depends on it.
+        More for `origin.json`: names, the command, the processor. Nothing depends on it.
+
+    Attributes
+    ----------
+    path : :class:`pathlib.Path`
+    changed : list of :class:`pathlib.Path`
+        Files that were not as they had been written where the directory was continued.
 
     Raises
     ------
@@ -100,7 +112,8 @@ class ResultsDirectory:
         if resume and overwrite:
             raise DirectoryError("resume and overwrite exclude each other; give one of them")
         self.path = Path(path)
-        self._kind, self._identity, self._patterns = kind, json.loads(json.dumps(identity)), patterns
+        self._kind, self._identity, self._patterns = kind, json.loads(json.dumps(identity)), (*patterns, MANIFEST)
+        self.changed: list[Path] = []
         files = files or {}
         if self.path.exists() and not self.path.is_dir():
             raise DirectoryError(f"{self.path} is not a directory; give another one")
@@ -113,11 +126,17 @@ class ResultsDirectory:
             for pattern in (f"{TEMPORARY}*", f"*/{TEMPORARY}*"):
                 for leftover in self.path.glob(pattern):
                     leftover.unlink(missing_ok=True)
-            if not begun or overwrite:
+            is_new = not begun or overwrite
+            if is_new:
                 self._begin(files, about or {})
+            self._manifest = self._read_manifest()
+            if not is_new:
+                self._forget_changed(files)
             for name, text in files.items():
                 if not (self.path / name).exists():
                     self.writeText(name, text)
+                elif not self._manifest.knows(self.path / name):
+                    self.record(self.path / name)
         except BaseException:
             self.close()
             raise
@@ -157,7 +176,11 @@ class ResultsDirectory:
         """
         text = json.dumps({"step": list(names), "result": result}, indent=1) + "\n"
         path = self.file("steps", names, ".json")
-        writeWhole(path, lambda stream: stream.write(text.encode()))
+        self.record(writeWhole(path, lambda stream: stream.write(text.encode())))
+
+    def record(self, *paths: Path) -> None:
+        """Keep the checksums of files that were written here by others."""
+        self._manifest.record(*paths)
 
     def folder(self, name: str) -> Path:
         """Path of a folder, which is made."""
@@ -177,7 +200,36 @@ class ResultsDirectory:
         """
         path = self.path / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        return writeWhole(path, lambda stream: stream.write(text.encode()))
+        writeWhole(path, lambda stream: stream.write(text.encode()))
+        self.record(path)
+        return path
+
+    def _read_manifest(self):
+        try:
+            return Manifest(self.path)
+        except ValueError as error:
+            raise DirectoryError(f"{error}; remove it, and every step is made again") from error
+
+    def _forget_changed(self, files):
+        """Remove the files of steps that are not as they were written: what is not there is made again.
+
+        A directory of version 0.1.0 has no checksums.
+        """
+        if not json.loads((self.path / ORIGIN).read_text(encoding="utf-8")).get("manifest"):
+            return
+        self.changed = self._manifest.changed()
+        for path in self.changed:
+            if path.relative_to(self.path).as_posix() in files:
+                raise DirectoryError(f"{path} has been changed since; give another directory, or put it back as it was")
+        unknown = [path for path in self.path.glob("steps/*.json") if not self._manifest.knows(path)]
+        for path in [*self.changed, *unknown]:
+            if path.parent.name not in ("steps", "runs"):
+                continue
+            # A step, what it gave in full, and its runs have one name.
+            rest = [self.path / folder / f"{path.stem}{suffix}" for folder, suffix in _OF_STEP]
+            for file in rest:
+                file.unlink(missing_ok=True)
+            self._manifest.forget(*rest)
 
     def _refuse(self, resume, overwrite):
         """Whether something has been begun here that is to be continued or removed; raises where it must not be."""
@@ -231,13 +283,13 @@ class ResultsDirectory:
             path = self.path / name
             if name == ORIGIN or any(path.match(pattern) for pattern in self._patterns):
                 raise DirectoryError(f"the file {name} cannot be kept in {self.path}: it needs another name")
-            if path.exists() and _file_digest(path) not in (new, kept.get(name)):
+            if path.exists() and file_digest(path) not in (new, kept.get(name)):
                 raise DirectoryError(f"{path} has been changed since; give another directory, or move it")
         for name, old in kept.items():
             # What has been changed since, or lies elsewhere, is somebody else's.
             path = (self.path / name).resolve()
             inside = path.is_relative_to(self.path.resolve()) and path.is_file()
-            if inside and _file_digest(path) == old != digests.get(name):
+            if inside and file_digest(path) == old != digests.get(name):
                 path.unlink()
         for pattern in self._patterns:
             for path in filter(Path.is_file, self.path.glob(pattern)):
@@ -251,10 +303,12 @@ class ResultsDirectory:
             "kind": self._kind,
             "identity": self._identity,
             "files": digests,
+            "manifest": MANIFEST,
             "about": about,
             "begun": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         }
-        self.writeText(ORIGIN, json.dumps(content, indent=2) + "\n")
+        text = json.dumps(content, indent=2) + "\n"
+        writeWhole(self.path / ORIGIN, lambda stream: stream.write(text.encode()))
 
     def _lock(self):
         # The system takes the lock back when the process ends, however it ends.
@@ -270,10 +324,6 @@ class ResultsDirectory:
         except OSError:
             # Some network file systems know no locks.
             pass
-
-
-def _file_digest(path):
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _difference(key, theirs, ours):

@@ -240,6 +240,13 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """Whether a path is that of the study's directory."""
         return self._directory is not None and self._directory.path.resolve() == Path(directory).resolve()
 
+    def getChangedFiles(self) -> list[Path]:
+        """Files of the directory that were not as they had been written when it was continued.
+
+        Those of a step were removed: the step is made again, and so are results, figures and report.
+        """
+        return [] if self._directory is None else list(self._directory.changed)
+
     def setExecutor(self, executor: Executor | Callable[[], Executor] | None) -> None:
         """What runs the Monte Carlo sample, as for
         :class:`satsep_ot.methods.parallel.monte_carlo_stream.MonteCarloStream`.
@@ -285,7 +292,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def _keepRuns(self, names, makeRuns):
         if self._directory is not None:
-            makeRuns().save(self._directory.file("runs", names, ".npz"))
+            path = self._directory.file("runs", names, ".npz")
+            makeRuns().save(path)
+            self._directory.record(path)
 
     def _isFinished(self, *names):
         return self._directory is not None and self._directory.finished(*names) is not None
@@ -317,7 +326,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             # From here on results.json says that the study is not complete.
             self.saveRows()
             checkpoint = self._directory.file("steps", ["sample"], ".checkpoint")
-        return run_sample(
+        summary = run_sample(
             self._problem,
             self._sampleSize,
             lambda: self._start("sample"),
@@ -326,6 +335,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             self._executor,
             lambda label, share: self._progress(label, share * _SUBSPACES_BEGIN),
         )
+        if self._directory is not None and path.exists():
+            self._directory.record(path)
+        return summary
 
     def computeSubspaces(self) -> None:
         """Active subspace and polynomial regression of each smooth component of the requirements."""
@@ -374,7 +386,12 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
                 path = None if self._directory is None else self._directory.file("steps", names, ".npz")
                 if path is not None and path.exists() and row.probability is not None:
                     # The same after an interruption; and without the surrogates, which take memory.
-                    self._results[requirement] = ActiveSubspaceReliabilityResult.load(path, self._event(requirement))
+                    try:
+                        found = ActiveSubspaceReliabilityResult.load(path, self._event(requirement))
+                    except ValueError as error:
+                        cure = "remove it and the file beside it that ends on .json, and their step is made again"
+                        raise DirectoryError(f"{path} cannot be used ({error}); {cure}") from error
+                    self._results[requirement] = found
 
     def _event(self, requirement):
         return self._problem.getSystemEvent() if requirement == SYSTEM else self._problem.getEvent(requirement)
@@ -426,7 +443,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._results[requirement] = result = method.getLastResult()
         names = [requirement, StudyMethod.ACTIVE_SUBSPACE]
         if self._directory is not None:
-            result.save(self._directory.file("steps", names, ".npz"))
+            path = self._directory.file("steps", names, ".npz")
+            result.save(path)
+            self._directory.record(path)
         self._keepRuns(names, lambda: result.getTrueRuns(self._outputDescription(requirement)))
         # A table says once for all requirements what their estimates do not exclude.
         return dataclasses.replace(estimate, note=result.getEndingSentence(), unseen_bound=result.getUnseenBound())
@@ -636,7 +655,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         motion = json.dumps(animation_data(case.separation, runs), allow_nan=False) + "\n"
         paths.append(taken.writeText("motion.json", motion))
         paths.append(_writeResults(taken, results_document(dataclasses.replace(result, figures=tuple(entries)))))
-        return [*paths[::-1], write_report(taken.path)]
+        taken.record(*paths)
+        paths = [*paths[::-1], write_report(taken.path)]
+        taken.record(paths[-1])
+        return paths
 
     def _drawnRuns(self):
         """What the figures are drawn from."""

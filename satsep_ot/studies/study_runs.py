@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import openturns as ot
 
+from satsep_ot.methods.common.manifest import Manifest
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.openturns_adapter import fromXML
 from satsep_ot.studies.sample import BLOCK, SampleSummary, inputs_digest, sample_inputs
@@ -62,8 +63,9 @@ def load_runs(directory: str | os.PathLike, name: str, size: int | None = None) 
     Raises
     ------
     ValueError
-        There are no such runs, or the inputs of the sample, which are drawn again from its seed, are not those of the
-        study here: another version of OpenTURNS, or another machine, may round them otherwise.
+        There are no such runs, their file is not as it was written, or the inputs of the sample, which are drawn again
+        from its seed, are not those of the study here: another version of OpenTURNS, or another machine, may round them
+        otherwise.
 
     Notes
     -----
@@ -87,9 +89,11 @@ def load_runs(directory: str | os.PathLike, name: str, size: int | None = None) 
     if name not in names:
         raise ValueError(f"there are no runs called {name!r} in {directory}; there are {', '.join(names) or 'none'}")
     directory = Path(directory)
-    if name == SAMPLE:
-        return _load_sample(directory, size)
-    return _first(TrueRuns.load(directory / "runs" / f"{name}.npz"), size)
+    path = directory / "runs" / (f"{name}.npy" if name == SAMPLE else f"{name}.npz")
+    manifest = Manifest(directory)
+    if manifest.knows(path) and manifest.isChanged(path):
+        raise ValueError(f"{path} is not as it was written; the command of the study with --resume makes it again")
+    return _load_sample(directory, size) if name == SAMPLE else _first(TrueRuns.load(path), size)
 
 
 def _load_sample(directory, size):

@@ -1,10 +1,11 @@
 """A result in one file: an .npz archive of its arrays, a JSON document, and OpenTURNS' own XML for its objects."""
 
+import contextlib
 import dataclasses
+import io
 import json
 import os
-import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
 
@@ -16,6 +17,16 @@ from satsep_ot.openturns_adapter import fromXML, isPython, toXML
 _ARRAY = "\x00array"
 # What a killed process leaves of a file that was not complete begins so.
 TEMPORARY = ".unfinished-"
+
+
+@contextlib.contextmanager
+def namingFile(path: str | os.PathLike) -> Iterator[None]:
+    """A block whose errors name a file: the system does not say which one a full disk has no space for."""
+    try:
+        yield
+    except OSError as error:
+        error.filename, error.filename2 = os.fspath(path), None
+        raise
 
 
 def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) -> Path:
@@ -51,11 +62,12 @@ def writeWhole(path: str | os.PathLike, write: Callable[[IO[bytes]], object]) ->
         raise FileNotFoundError(f"{path} cannot be written: there is no folder {path.parent}")
     temporary = path.with_name(f"{TEMPORARY}{os.getpid()}-{os.urandom(4).hex()}")
     try:
-        with temporary.open("xb") as stream:
-            write(stream)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, path)
+        with namingFile(path):
+            with temporary.open("xb") as stream:
+                write(stream)
+                stream.flush()
+                os.fsync(stream.fileno())
+            os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
@@ -155,8 +167,14 @@ def readResult(
     document, arrays = _read(path)
     if document.pop("format", None) != kind:
         raise ValueError(f"{path} holds no {kind.split()[0]} of this version, as its save() writes it")
+    try:
+        return _fields(document, arrays, classes or {}, objects or {})
+    except Exception as error:
+        raise ValueError(f"{path} is damaged: its parts do not belong together ({error})") from error
+
+
+def _fields(document, arrays, classes, objects):
     fields = {}
-    classes, objects = classes or {}, objects or {}
     for name, value in document.items():
         if value == _ARRAY:
             fields[name] = arrays[name]
@@ -178,10 +196,13 @@ def storedFormat(path: str | os.PathLike) -> str | None:
 
 def _read(path):
     """The document and the arrays of a file, both empty where it is none of `writeResult`."""
+    # Read first: a damaged archive has places that are not in the file, and numpy leaves its file open then.
+    content = io.BytesIO(Path(path).read_bytes())
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with np.load(content, allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
         document = json.loads(str(arrays.pop("document")))
-    except (KeyError, TypeError, ValueError, EOFError, zipfile.BadZipFile):
+    except Exception:
+        # Of a damaged archive every reader below has errors of its own.
         document, arrays = {}, {}
     return (document, arrays) if isinstance(document, dict) else ({}, {})

@@ -1,6 +1,7 @@
 """Reliability methods repeated over seeds where the probability is known."""
 
 import dataclasses
+import hashlib
 import json
 import os
 from collections.abc import Callable, Sequence
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import openturns as ot
 
+from satsep_ot.methods.common.storage import namingFile
 from satsep_ot.methods.comparison.benchmark_result import WRONG, ReliabilityBenchmarkResult, summarise
 from satsep_ot.methods.comparison.comparison import ReliabilityComparison
 from satsep_ot.methods.comparison.method import ReliabilityMethod, Row
@@ -159,6 +161,9 @@ class ReliabilityBenchmark(OpenTURNSObject):
         for line in self._path.read_text(encoding="utf-8").splitlines():
             try:
                 entry = json.loads(line)
+                if entry.pop("sha256", None) not in (None, _digest(entry)):
+                    # Not as it was written: it is made again, as one that was cut.
+                    continue
                 problem, method, seed = json.loads(entry["key"])
                 known.setdefault((problem, method), {})[seed] = Row(**entry["row"])
             except (json.JSONDecodeError, KeyError, TypeError, ValueError):
@@ -167,14 +172,14 @@ class ReliabilityBenchmark(OpenTURNSObject):
     def _append(self, task, method, seed, row):
         if self._path is None:
             return
-        with self._path.open("a+b") as stream:
+        with namingFile(self._path), self._path.open("a+b") as stream:
             # What an interruption has cut gets an end, so that the next line is one of its own.
             if stream.tell() > 0:
                 stream.seek(-1, os.SEEK_END)
                 if stream.read(1) != b"\n":
                     stream.write(b"\n")
             entry = {"key": json.dumps([task.name, repr(method), seed]), "row": dataclasses.asdict(row)}
-            stream.write((json.dumps(entry) + "\n").encode())
+            stream.write((json.dumps({"sha256": _digest(entry), **entry}) + "\n").encode())
             stream.flush()
             os.fsync(stream.fileno())
 
@@ -188,6 +193,11 @@ class ReliabilityBenchmark(OpenTURNSObject):
                 row.rank = place
             summaries += mine
         return summaries
+
+
+def _digest(entry):
+    """Of a line of the file; numbers come back from JSON to the last bit."""
+    return hashlib.sha256(json.dumps(entry).encode()).hexdigest()
 
 
 class _Repetitions:

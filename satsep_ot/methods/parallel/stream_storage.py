@@ -11,7 +11,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from satsep_ot.methods.common.storage import writeWhole
+from satsep_ot.methods.common.storage import namingFile, writeWhole
 from satsep_ot.methods.parallel.block_summary import BlockSummary
 
 # Between two checkpoints [s].
@@ -24,17 +24,19 @@ class RowFile:
     Written, not mapped: pages of a map would count as memory of the process.
     """
 
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._stream = stream
+    def __init__(self, stream: IO[bytes], path: Path) -> None:
+        self._stream, self._path = stream, path
 
     def append(self, rows: np.ndarray) -> None:
         """Write rows (n, k) at the end."""
-        self._stream.write(np.ascontiguousarray(rows, dtype="<f8").data)
+        with namingFile(self._path):
+            self._stream.write(np.ascontiguousarray(rows, dtype="<f8").data)
 
     def sync(self) -> None:
         """Let what was written survive a power failure."""
-        self._stream.flush()
-        os.fsync(self._stream.fileno())
+        with namingFile(self._path):
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
 
 
 @contextlib.contextmanager
@@ -57,18 +59,20 @@ def openRowFile(path: Path, shape: tuple[int, int], done: int) -> Iterator[RowFi
     part = path.with_name(path.name + ".part")
     if done and not part.exists():
         raise ValueError(f"{part} is missing, whose rows the checkpoint counts; remove that to begin anew")
-    with open(part, "r+b" if done else "wb") as stream:
-        header = {"descr": "<f8", "fortran_order": False, "shape": shape}
-        np.lib.format.write_array_header_2_0(stream, header)
+    with namingFile(path):
+        stream = open(part, "r+b" if done else "wb")  # noqa: SIM115
+        np.lib.format.write_array_header_2_0(stream, {"descr": "<f8", "fortran_order": False, "shape": shape})
         place = stream.tell() + 8 * shape[1] * done
         if stream.seek(0, os.SEEK_END) < place:
+            stream.close()
             raise ValueError(f"{part} is shorter than the checkpoint says; remove both to begin anew")
         stream.seek(place)
         stream.truncate()
-        rows = RowFile(stream)
-        try:
-            yield rows
-        finally:
+    rows = RowFile(stream, path)
+    try:
+        yield rows
+    finally:
+        with namingFile(path), stream:
             rows.sync()
     os.replace(part, path)
 

@@ -4,10 +4,10 @@ import dataclasses
 import json
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from satsep_ot.dynamics.quantities import QUANTITIES
+from satsep_ot.model.text import read_text_file
 from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import remarks
 from satsep_ot.studies.telling.results import Estimate, StudyResult
@@ -15,6 +15,7 @@ from satsep_ot.studies.telling.verdicts import judge_all
 
 # Of results.json; version 0.1.0 wrote files without this number, which are read as well.
 FORMAT = 2
+_LONGEST_FILE = 1_000_000_000  # characters
 
 
 class ReportError(ValueError):
@@ -106,13 +107,17 @@ def read_text(path: str | os.PathLike) -> str:
         The file is missing or cannot be read.
     """
     try:
-        return Path(path).read_text(encoding="utf-8")
+        return read_text_file(path, _LONGEST_FILE)
     except FileNotFoundError as error:
         raise ReportError(
             f"{path}: there is no such file; a report is made from what `satsep-ot study` writes"
         ) from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise ReportError(f"{path}: the file cannot be read ({getattr(error, 'strerror', None) or error})") from error
+    except ValueError as error:
+        raise ReportError(str(error)) from error
+
+
+def _refuse_constant(name):
+    raise ValueError(f"{name} is no number there")
 
 
 def read_json(path: str | os.PathLike) -> dict[str, Any]:
@@ -124,8 +129,10 @@ def read_json(path: str | os.PathLike) -> dict[str, Any]:
         The file is missing, cannot be read, or holds no JSON object.
     """
     try:
-        document = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
+        document = json.loads(read_text(path), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, ReportError):
+            raise
         raise ReportError(f"{path}: not valid JSON: {error}") from error
     if not isinstance(document, dict):
         raise ReportError(f"{path}: it must hold an object, as `satsep-ot study` writes it")

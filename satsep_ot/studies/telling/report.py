@@ -11,6 +11,7 @@ from typing import Any
 import jinja2
 import markupsafe
 
+from satsep_ot.methods.common.manifest import Manifest
 from satsep_ot.methods.common.storage import writeWhole
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.studies.telling.advice import best_advice, tightening_advice
@@ -29,6 +30,8 @@ from satsep_ot.studies.telling.words import (
 _SYMBOLS = {
     Status.MET: "✓", Status.NOT_MET: "✗", Status.UNDECIDED: "?", Status.NO_ALLOWANCE: "–", Status.UNKNOWN: "–",
 }  # fmt: skip
+
+_CURE = "the command of the study with --resume makes it again"
 
 
 def render_report(directory: str | os.PathLike) -> str:
@@ -50,8 +53,10 @@ def render_report(directory: str | os.PathLike) -> str:
         If a file is missing or is not what a study writes.
     """
     directory = Path(directory)
+    _check(directory, "results.json", "motion.json", "case.toml")
     result = read_results(directory / "results.json")
     motion, case_text = read_json(directory / "motion.json"), read_text(directory / "case.toml")
+    _check(directory, *(f"figures/{Path(figure.file).name}" for figure in result.figures))
     pictures: dict[str, list] = {section: [] for section in Section}
     for figure in result.figures:
         picture = base64.b64encode(read_text(directory / "figures" / Path(figure.file).name).encode()).decode()
@@ -64,6 +69,17 @@ def render_report(directory: str | os.PathLike) -> str:
         raise ReportError(
             f"{directory / 'results.json'}: its parts do not belong together ({error}); run the study again"
         ) from error
+
+
+def _check(directory, *names):
+    """Refuse a file that is not as the study wrote it; version 0.1.0 kept no checksums."""
+    try:
+        manifest = Manifest(directory)
+    except ValueError as error:
+        raise ReportError(f"{error}; {_CURE}") from error
+    for path in (directory / name for name in names):
+        if manifest.isThere() and path.exists() and manifest.isChanged(path):
+            raise ReportError(f"{path}: it is not as the study wrote it; {_CURE}")
 
 
 def write_report(directory: str | os.PathLike) -> Path:
