@@ -8,6 +8,8 @@ wanted quantities as an argument, since `getMarginal` drops the diagonal of a He
 import contextlib
 import ctypes
 import re
+import signal
+import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,7 +36,19 @@ _EXCEPTION_CLASS = re.compile(
     r"\b(Internal|InvalidArgument|InvalidDimension|InvalidRange|NotDefined|NotSymmetricDefinitePositive|"
     r"NotYetImplemented|OutOfBound)Exception : "
 )
+_OPENTURNS = str(Path(ot.__file__).parent)
 _FINITE_DIFFERENCES = re.compile(r"class=\w*FiniteDifference")
+
+
+# What signal.getsignal says where no function of Python is called.
+_NO_HANDLER = (signal.SIG_DFL, signal.SIG_IGN, None)
+# The interpreter's own handler of any signal that Python handles. It is read before OpenTURNS has one in its place.
+ctypes.pythonapi.PyOS_getsig.restype = ctypes.c_void_p
+ctypes.pythonapi.PyOS_setsig.restype = ctypes.c_void_p
+ctypes.pythonapi.PyOS_setsig.argtypes = [ctypes.c_int, ctypes.c_void_p]
+_PYTHON_HANDLER = (
+    None if signal.getsignal(signal.SIGINT) in _NO_HANDLER else ctypes.pythonapi.PyOS_getsig(signal.SIGINT)
+)
 
 
 # Errors. --------------------------------------------------------------------------------------------------------------
@@ -63,9 +77,59 @@ def raiseInterrupt(error: BaseException) -> None:
     ...         print("interrupted")
     interrupted
     """
-    # OpenTURNS raises a RuntimeError in its place. Remove when it raises the original exception (announced for 1.28).
-    if "KeyboardInterrupt" in str(error):
+    # OpenTURNS raises a RuntimeError in its place, of the latter text where its own code was interrupted. Remove when
+    # it raises the original exception (announced for 1.28).
+    if "KeyboardInterrupt" in str(error) or str(error).startswith("Interruption in OT::"):
         raise KeyboardInterrupt from error
+
+
+@contextlib.contextmanager
+def raisingInterrupts() -> Iterator[None]:
+    """A block in which an error of OpenTURNS that stands for an interrupt becomes KeyboardInterrupt."""
+    try:
+        yield
+    except RuntimeError as error:
+        raiseInterrupt(error)
+        raise
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """A block of calls of OpenTURNS that may call Python functions: Ctrl-C raises KeyboardInterrupt, in any thread.
+
+    Examples
+    --------
+    >>> import signal
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import interruptible
+    >>> function = ot.PythonFunction(1, 1, lambda x: signal.raise_signal(signal.SIGINT) or x)
+    >>> try:
+    ...     with interruptible():
+    ...         function([0.0])
+    ... except KeyboardInterrupt:
+    ...     print("interrupted")
+    interrupted
+    """
+    # While any of its functions runs, OpenTURNS answers SIGINT itself, by an exception of C++ that it throws out of the
+    # handler, also over the frames of Python that it has called in between: the interpreter ends, at once or later. So
+    # the first Python function that it calls puts Python's own handler back, which only notes the signal; OpenTURNS
+    # does so too at its end. Remove when it leaves the signal alone while Python runs.
+    if _PYTHON_HANDLER is None or signal.getsignal(signal.SIGINT) in _NO_HANDLER or sys.getprofile() is not None:
+        yield
+        return
+
+    def atFirstCall(frame, event, argument):
+        # OpenTURNS' own functions of Python come before its handler does.
+        if event == "call" and not frame.f_code.co_filename.startswith(_OPENTURNS):
+            sys.setprofile(None)
+            ctypes.pythonapi.PyOS_setsig(signal.SIGINT, _PYTHON_HANDLER)
+
+    with raisingInterrupts():
+        sys.setprofile(atFirstCall)
+        try:
+            yield
+        finally:
+            sys.setprofile(None)
 
 
 def errorMessage(error: BaseException) -> str:
@@ -238,7 +302,9 @@ def callFunction(function: ot.Function, points: np.ndarray) -> np.ndarray:
     # OpenTURNS reads an array number by number, 25 times slower. A new sample shares its memory with no other one.
     # Remove when ot.Sample(array) copies the memory at once.
     ctypes.memmove(sample.__array_interface__["data"][0], points.ctypes.data, points.nbytes)
-    return np.array(function(sample), dtype=float)
+    with interruptible():
+        values = function(sample)
+    return np.array(values, dtype=float)
 
 
 class Counter:

@@ -6,6 +6,8 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
+from satsep_ot.openturns_adapter import callFunction
+
 # Points of the check: the centre and two off it, where a Student space differs from the normal one by 8 % or more.
 CHECK_LEVELS = (0.5, 0.84, 0.05)
 # On the logarithm of the density: a Student space of 200 degrees of freedom is off by more than this.
@@ -185,15 +187,17 @@ class StandardSpace:
 
     def toStandard(self, physicalSample: ArrayLike) -> np.ndarray:
         """Standard points (n, d) of physical points (n, d), both ndarrays."""
-        return np.array(self._transformation(np.asarray(physicalSample, dtype=float)))
+        return callFunction(self._transformation, np.asarray(physicalSample, dtype=float))
 
     def toPhysical(self, standardSample: ArrayLike) -> np.ndarray:
         """Physical points (n, d) of standard points (n, d), both ndarrays."""
-        return np.array(self._inverse(np.asarray(standardSample, dtype=float)))
+        return callFunction(self._inverse, np.asarray(standardSample, dtype=float))
 
     def generateSample(self, size: int) -> np.ndarray:
         """Independent standard normal points (size, d) from ``ot.RandomGenerator``."""
-        return np.array(ot.DistFunc.rNormal(size * self.getDimension())).reshape(size, self.getDimension())
+        # A point becomes an array number by number, a sample at once.
+        numbers = ot.Sample.BuildFromPoint(ot.DistFunc.rNormal(size * self.getDimension()))
+        return np.array(numbers).reshape(size, self.getDimension())
 
     def chainGradient(self, standardSample: ArrayLike, physicalGradient: np.ndarray) -> np.ndarray:
         """Gradients with respect to U from those with respect to X.

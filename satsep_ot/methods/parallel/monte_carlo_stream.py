@@ -21,6 +21,7 @@ from satsep_ot.methods.parallel.chunks import Chunk, Work
 from satsep_ot.methods.parallel.function import FunctionWork, wrongResult
 from satsep_ot.methods.parallel.scheduler import ChunkScheduler
 from satsep_ot.methods.parallel.stream_storage import StreamProgress, openRowFile
+from satsep_ot.openturns_adapter import raisingInterrupts
 from satsep_ot.openturns_object import OpenTURNSObject
 
 # Blocks that a worker makes at once.
@@ -209,6 +210,8 @@ class MonteCarloStream(OpenTURNSObject):
             If a chunk could not be finished. With a checkpoint file what was finished before it is kept.
         ValueError
             If the inputs end early, or the checkpoint belongs to other runs.
+        KeyboardInterrupt
+            Ctrl-C. The result is then that of the blocks so far, as where an error ends the run.
         """
         seed = ot.RandomGenerator.IntegerGenerate(2**31 - 1)
         events = tuple(self._events.values())
@@ -218,7 +221,7 @@ class MonteCarloStream(OpenTURNSObject):
         def check(chunk, result):
             return result if isinstance(result, str) else None
 
-        with self._closing(), self._rowFile(progress.runs) as rows, progress.savedAtLast(rows):
+        with self._closing(), self._keeping(progress), self._rowFile(progress.runs) as rows, progress.savedAtLast(rows):
             for chunk, (summaries, kept) in self._scheduler.run(Work(work), self._chunks(progress.runs), check):
                 if rows is not None:
                     rows.append(kept)
@@ -227,9 +230,18 @@ class MonteCarloStream(OpenTURNSObject):
                 progress.saveNowAndThen(rows)
                 if self._progressCallback is not None:
                     self._progressCallback(100.0 * chunk.end / self._size)
-        assert progress.summary is not None, "there is at least one run"
-        names = list(self._work.function.getOutputDescription())
-        self._result = MonteCarloStreamResult(progress.summary, names, list(self._events))
+
+    @contextlib.contextmanager
+    def _keeping(self, progress):
+        """At the end, and where the run is interrupted, the result is that of the blocks so far."""
+        self._result = None
+        try:
+            with raisingInterrupts():
+                yield
+        finally:
+            if progress.summary is not None:
+                names = list(self._work.function.getOutputDescription())
+                self._result = MonteCarloStreamResult(progress.summary, names, list(self._events))
 
     def _rowFile(self, done):
         """The file of rows, after those that are done; nothing where none is wanted or it is complete."""

@@ -1,6 +1,8 @@
 """Active subspaces in the standard normal space (Constantine, Active Subspaces, SIAM 2015)."""
 
+import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 
@@ -14,7 +16,7 @@ from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
 from satsep_ot.methods.subspaces.analysis import analyse_gradients, flat_outputs
 from satsep_ot.methods.subspaces.gradients import GradientSample, StandardModel
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
-from satsep_ot.openturns_adapter import hasGradient
+from satsep_ot.openturns_adapter import hasGradient, raisingInterrupts
 from satsep_ot.openturns_object import OpenTURNSObject
 
 GRADIENT_METHODS = ("Automatic", "Exact", "CentralDifference", "ForwardDifference")
@@ -276,13 +278,20 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         ------
         ValueError
             An output or a gradient that is not finite; a dimension asked of a constant function.
+        KeyboardInterrupt
+            Ctrl-C: the result is then of the gradients that were there, with a remark.
         """
         if self._given is not None:
             analysis = analyse_gradients(self._given, self._bootstrapSize, self._dimension)
         else:
             model = StandardModel(self._function, self._space, self._gradientSampleFunction)
+            done: list[GradientSample] = []
             try:
-                analysis = self._analyse(model)
+                with raisingInterrupts():
+                    analysis = self._analyse(model, done)
+            except KeyboardInterrupt:
+                self._keep(done)
+                raise
             finally:
                 self._evaluations += model.evaluations
                 self._gradients += model.gradients
@@ -293,22 +302,36 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
             return self._gradientSampleFunction is None and not hasGradient(self._function)
         return self._gradientMethod != "Exact"
 
-    def _analyse(self, model):
-        """Analysis of as many gradients of a model as the settings ask for."""
+    def _keep(self, done):
+        """The result of the gradients that were there when the run was interrupted."""
+        if not done:
+            return
+        sample = self._weighted(GradientSample.joined(done))
+        # They may not be enough for the dimension that is asked for.
+        with contextlib.suppress(ValueError):
+            analysis = analyse_gradients(sample, self._bootstrapSize, self._dimension)
+            analysis.remarks.append(f"the run was interrupted after {len(sample)} gradients")
+            self._result = ActiveSubspaceResult(self._space, analysis, self._outputs)
+
+    def _analyse(self, model, done):
+        """Analysis of as many gradients of a model as the settings ask for; they are put into the list by and by."""
         differences, central = self._usesDifferences(), self._gradientMethod != "ForwardDifference"
         step = noise = None
         gradientNoise = 0.0
         replaced = np.array(False)
-        sample = None
         wanted = self._samplingSize
         while True:
-            points = self._space.generateSample(wanted if sample is None else wanted - len(sample))
+            points = self._space.generateSample(wanted - sum(map(len, done)))
             values = model.evaluate(points)
             if not differences:
-                gradients = model.exactGradients(points)
+                before = len(done)
+                self._collect(model.exactGradients, points, values, model.blockSize(False), done)
                 # OpenTURNS drops constants of about 1e-11 from the derivatives of a formula, for one.
-                replaced = flat_outputs(values, gradients) if self._gradientMethod == "Automatic" else np.array(False)
+                if self._gradientMethod == "Automatic":
+                    replaced = flat_outputs(values, GradientSample.joined(done[before:]).gradients)
                 differences = bool(replaced.any())
+                if differences:
+                    del done[before:]
             if differences:
                 if step is None and self._step is None:
                     step, noise = model.differenceStep(points[0], values, central)
@@ -318,11 +341,9 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
                     step = self._step
                     # What rounding of the values makes of each component.
                     gradientNoise = np.finfo(float).eps * np.abs(values).max(axis=0) / step
-                gradients = model.differences(points, values, step, central)
-            fresh = GradientSample.of(points, values, gradients)
-            sample = fresh if sample is None else sample.joined(fresh)
-            if self._weightFunction is not None:
-                sample = dataclasses.replace(sample, weights=self._weights(sample.values))
+                take = functools.partial(model.differences, step=step, central=central)
+                self._collect(take, points, values, model.blockSize(True), done)
+            sample = self._weighted(GradientSample.joined(done))
             analysis = analyse_gradients(sample, self._bootstrapSize, self._dimension, gradientNoise)
             if replaced.any():
                 analysis.remarks.append(
@@ -342,6 +363,18 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         return dataclasses.replace(
             analysis, evaluations=model.evaluations, gradientCalls=model.gradients, step=step, noise=noise
         )
+
+    @staticmethod
+    def _collect(take, points, values, size, done):
+        """Gradients at points, block by block, into a list of samples."""
+        for start in range(0, len(points), size):
+            some = slice(start, start + size)
+            done.append(GradientSample.of(points[some], values[some], take(points[some], values[some])))
+
+    def _weighted(self, sample):
+        if self._weightFunction is None:
+            return sample
+        return dataclasses.replace(sample, weights=self._weights(sample.values))
 
     def _weights(self, values):
         weights = np.asarray(self._weightFunction(values), dtype=float).reshape(-1)

@@ -116,7 +116,7 @@ class SubspaceAnalysis:
     def heavy_tailed(self) -> bool:
         """Whether few long gradients decide the eigenvalues, so that nothing bounds them from above."""
         used = len(self.gradients) if self.weights is None else np.count_nonzero(self.weights)
-        return used > 1 and self.effective_gradients < min(HEAVY_SHARE * used, HEAVY_NUMBER)
+        return bool(used > 1 and self.effective_gradients < min(HEAVY_SHARE * used, HEAVY_NUMBER))
 
     @property
     def upper_distance(self) -> float:

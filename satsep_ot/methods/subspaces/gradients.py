@@ -2,7 +2,8 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import openturns as ot
@@ -11,12 +12,14 @@ from numpy.typing import ArrayLike
 from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.common.units import output_units
 from satsep_ot.methods.subspaces.noise import estimate_noise
-from satsep_ot.openturns_adapter import callFunction
+from satsep_ot.openturns_adapter import callFunction, interruptible
 
 # Numbers handed to the model at once, of which OpenTURNS makes Python objects: more no longer fit into the cache.
 BLOCK_NUMBERS = 25_000
 # Points that are handed to it in any case, so that a model that shares them among processes can do so.
 LEAST_BLOCK = 500
+# Gradients that a function is asked for one by one before they count as done.
+EXACT_BLOCK = 10
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -83,10 +86,11 @@ class GradientSample:
                 )
         return GradientSample(points, values, gradients, weights)
 
-    def joined(self, other: "GradientSample") -> "GradientSample":
-        """This sample and the other one after it, without weights."""
-        pairs = ((getattr(self, name), getattr(other, name)) for name in ("points", "values", "gradients"))
-        return GradientSample(*map(np.concatenate, pairs))
+    @staticmethod
+    def joined(samples: Sequence["GradientSample"]) -> "GradientSample":
+        """Samples one after the other, without weights."""
+        parts = ([getattr(sample, name) for sample in samples] for name in ("points", "values", "gradients"))
+        return GradientSample(*map(np.concatenate, parts))
 
 
 class StandardModel:
@@ -143,8 +147,8 @@ class StandardModel:
             parts.append(values)
         return np.concatenate(parts)
 
-    def exactGradients(self, points: np.ndarray) -> np.ndarray:
-        """The function's own gradients (n, d, p), in the standard space.
+    def exactGradients(self, points: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
+        """The function's own gradients (n, d, p), in the standard space; they need no values.
 
         Examples
         --------
@@ -165,7 +169,8 @@ class StandardModel:
                     f"The gradient sample function must return an array of shape {shape}, got {gradients.shape}."
                 )
         else:
-            gradients = np.stack([np.array(self._function.gradient(x)) for x in physical])
+            with interruptible():
+                gradients = np.stack([np.array(self._function.gradient(x)) for x in physical])
         self.gradients += len(physical)
         return self._space.chainGradient(points, gradients)
 
@@ -187,15 +192,16 @@ class StandardModel:
 
     def differences(self, points: np.ndarray, values: np.ndarray, step: float, central: bool) -> np.ndarray:
         """Gradients (n, d, p) by differences at points (n, d) with values (n, p)."""
-        count, d = points.shape
-        gradients = np.empty((count, d, values.shape[1]))
-        block = max(1, LEAST_BLOCK // d, BLOCK_NUMBERS // d**2)
-        for start in range(0, count, block):
-            some = slice(start, start + block)
-            ahead = self._shiftedValues(points[some], step)
-            behind = self._shiftedValues(points[some], -step) if central else values[some, None, :]
-            gradients[some] = (ahead - behind) / (2.0 * step if central else step)
-        return gradients
+        ahead = self._shiftedValues(points, step)
+        behind = self._shiftedValues(points, -step) if central else values[:, None, :]
+        return (ahead - behind) / (2.0 * step if central else step)
+
+    def blockSize(self, differences: bool) -> int:
+        """Points whose gradients are taken together: after each block they are there, whatever happens to the next."""
+        d = self._space.getDimension()
+        if differences:
+            return max(1, LEAST_BLOCK // d, BLOCK_NUMBERS // d**2)
+        return EXACT_BLOCK if self._gradientSampleFunction is None else sys.maxsize
 
     def _shiftedValues(self, points, shift):
         """Outputs (n, d, p) at points (n, d) moved along one axis after the other."""
