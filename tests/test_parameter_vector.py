@@ -140,3 +140,12 @@ def test_the_records_of_the_kernels_hold_the_vector(separation):
         np.testing.assert_array_equal(getattr(common, name), getattr(separation, name), err_msg=name)
     for name in ("angle", "stroke", "delay", "scale"):
         np.testing.assert_array_equal(springs[name], getattr(separation.springs, name), err_msg=name)
+
+
+@pytest.mark.parametrize("separation", SEPARATIONS.values(), ids=SEPARATIONS)
+def test_limits_are_those_of_the_signs_of_a_changed_separation_too(separation):
+    limits = separation.parameter_limits
+    changed = separation.with_parameters(separation.parameters())
+    for each in (separation, changed):
+        assert each.parameter_limits.tolist() == [list(sign.limits) for sign in each.parameter_signs()]
+    assert limits.shape == (separation.parameters().size, 2)

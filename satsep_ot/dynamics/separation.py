@@ -9,6 +9,7 @@ are located as events; no step crosses them.
 import copy
 import enum
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Annotated
 
 import numpy as np
@@ -334,6 +335,11 @@ class Separation:
         """The sign that each of the P parameters must have in this separation; ZERO where it plays no part."""
         zero = self._zero_parameters()
         return [Sign.ZERO if place.name in zero else self._sign_needed(place) for place in self.parameter_places()]
+
+    @cached_property
+    def parameter_limits(self) -> np.ndarray:
+        """The smallest and the largest number of each of these signs, shape (P, 2)."""
+        return np.array([sign.limits for sign in self.parameter_signs()])
 
     def _zero_parameters(self):
         zero = {}

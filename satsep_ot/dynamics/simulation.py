@@ -64,7 +64,7 @@ def _buffers(separation, slots):
         tapes=np.zeros((slots, MAXIMUM_STEPS + 1), records.TAPE),
         steps=np.zeros(1, records.STEP),
         progress=np.zeros(1, records.PROGRESS),
-        limits=np.array([sign.limits for sign in separation.parameter_signs()]),
+        limits=separation.parameter_limits,
         parameters=np.zeros(1, PARAMETERS),
         spring_parameters=np.zeros(spring_number, SPRING_PARAMETERS),
         offsets=np.empty(plane_number),
