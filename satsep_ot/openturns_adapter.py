@@ -314,12 +314,31 @@ class Counter:
     ----------
     record : callable, optional
         Called with the inputs (n, d) and outputs (n, p) of every evaluation.
+    limit : int, optional
+        Of evaluations and gradients together.
     """
 
-    def __init__(self, record: Callable[[np.ndarray, np.ndarray], None] | None = None) -> None:
+    def __init__(
+        self, record: Callable[[np.ndarray, np.ndarray], None] | None = None, limit: int | None = None
+    ) -> None:
         self.evaluations = 0
         self.gradients = 0
         self.record = record
+        self.limit = limit
+
+    def require(self, number: int) -> None:
+        """Refuse so many more, before they are made.
+
+        Raises
+        ------
+        RuntimeError
+            They would exceed the limit.
+        """
+        if self.limit is not None and self.evaluations + self.gradients + number > self.limit:
+            raise RuntimeError(
+                f"the limit of {self.limit} evaluations does not allow {number} more after "
+                f"{self.evaluations + self.gradients}"
+            )
 
 
 def countingFunction(function: ot.Function, counter: Counter, distribution: ot.Distribution) -> ot.Function:
@@ -337,6 +356,7 @@ def countingFunction(function: ot.Function, counter: Counter, distribution: ot.D
     # getGradientCallsNumber of an algorithm's function are complete.
     def evaluate(sample):
         points = np.asarray(sample, dtype=float)
+        counter.require(len(points))
         values = callFunction(function, points)
         counter.evaluations += len(values)
         finite = np.isfinite(values).all(axis=1)
@@ -353,6 +373,7 @@ def countingFunction(function: ot.Function, counter: Counter, distribution: ot.D
         return values
 
     def gradient(point):
+        counter.require(1)
         counter.gradients += 1
         return np.array(function.gradient(point))
 

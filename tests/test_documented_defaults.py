@@ -112,6 +112,7 @@ def test_results_show_their_class_too():
     vector = ot.CompositeRandomVector(FUNCTION, ot.RandomVector(law))
     comparison = ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 1.0), ["MonteCarlo"])
     assert repr(comparison) == "ReliabilityComparison(methods=['MonteCarlo'])"
+    comparison.setMaximumEvaluations(1000)
     with pytest.raises(RuntimeError, match=r"call run\(\) first"):
         comparison.getResult()
     comparison.run()

@@ -77,7 +77,7 @@ FOLDERS = {
     "subspaces": {"common", "polynomials"},
     "reliability": {"common", "polynomials", "subspaces"},
     "parallel": {"common"},
-    "comparison": {"common", "subspaces", "reliability", "parallel"},
+    "comparison": {"common", "polynomials", "subspaces", "reliability", "parallel"},
 }
 STANDARD_LIBRARY = {
     "abc", "argparse", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses",

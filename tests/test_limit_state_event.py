@@ -99,6 +99,7 @@ def test_a_comparison_without_a_side_is_refused():
     with pytest.raises(ValueError, match="the comparison of the event is Equal; give one with a side"):
         ActiveSubspaceReliability(event).run()
     comparison = ReliabilityComparison(event, ["MonteCarlo"])
+    comparison.setMaximumEvaluations(1000)
     comparison.run()
     assert "the comparison of the event is Equal" in comparison.getResult().getRows()[0].note
 

@@ -414,6 +414,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def _comparison(self, requirement, event, method: ReliabilityMethod):
         comparison = ReliabilityComparison(event, [method])
+        comparison.setMaximumEvaluations(None)
         comparison.setComponents(*self._problem.getComponents(None if requirement == SYSTEM else requirement))
         return comparison
 

@@ -28,6 +28,53 @@ def markdownTable(cells: list[list[str]], names: int) -> str:
     return "\n".join([f"| {' | '.join(header)} |", rule, *(f"| {' | '.join(row)} |" for row in rows)])
 
 
+_LATEX = {
+    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
+}  # fmt: skip
+# Columns of text beyond this share of a line's characters are paragraphs.
+_LINE, _PARAGRAPH = 90, 24
+
+
+def latexTable(cells: list[list[str]], names: int) -> str:
+    r"""A tabular environment of LaTeX, for ``\usepackage{booktabs}``; what LaTeX would read as a command is escaped.
+
+    Columns fit the line: text that is longer than 24 characters stands in paragraphs, which share what the other
+    columns leave of it.
+
+    Parameters
+    ----------
+    cells : list of rows of str
+        The first row is the header.
+    names : int
+        Number of columns that are aligned on the left.
+
+    Examples
+    --------
+    >>> from satsep_ot.methods.common.tables import latexTable
+    >>> print(latexTable([["method", "runs"], ["A_B", "5 %"]], 1))
+    \begin{tabular}{@{}lr@{}}
+    \toprule
+    method & runs \\
+    \midrule
+    A\_B & 5 \% \\
+    \bottomrule
+    \end{tabular}
+    """
+    widths = [max(len(row[column]) for row in cells) for column in range(len(cells[0]))]
+    long = [column for column, width in enumerate(widths) if width > _PARAGRAPH]
+    taken = sum(width + 2 for column, width in enumerate(widths) if column not in long)
+    share = max(0.15, (1.0 - taken / _LINE) / max(len(long), 1))
+    kinds = "".join(
+        rf"p{{{share:.2f}\linewidth}}" if column in long else "l" if column < names else "r"
+        for column in range(len(widths))
+    )
+    lines = [" & ".join("".join(_LATEX.get(sign, sign) for sign in cell) for cell in row) + r" \\" for row in cells]
+    head, *rows = lines
+    begin = rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}"
+    return "\n".join([begin, r"\toprule", head, r"\midrule", *rows, r"\bottomrule", r"\end{tabular}"])
+
+
 def textTable(cells: list[list[str]], names: int) -> str:
     """A table of text whose first columns are names, on the left, and whose other columns are numbers, on the right.
 

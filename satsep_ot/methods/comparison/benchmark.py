@@ -220,6 +220,8 @@ class _Repetitions:
 def _repetition(task, method, seed):
     ot.RandomGenerator.SetSeed(seed)
     comparison = ReliabilityComparison(task.event, [method])
+    # The settings of each method say what it spends.
+    comparison.setMaximumEvaluations(None)
     if task.components is not None:
         comparison.setComponents(*task.components)
     comparison.run()

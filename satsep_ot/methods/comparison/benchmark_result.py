@@ -8,7 +8,7 @@ import numpy as np
 import openturns as ot
 from scipy.special import bdtr, stdtrit
 
-from satsep_ot.methods.common.tables import csvTable, markdownTable, textTable
+from satsep_ot.methods.common.tables import csvTable, latexTable, markdownTable, textTable
 from satsep_ot.methods.comparison.method import ReliabilityMethod, Row
 from satsep_ot.methods.comparison.problem import BenchmarkTask
 from satsep_ot.openturns_object import OpenTURNSObject
@@ -216,6 +216,10 @@ class ReliabilityBenchmarkResult(OpenTURNSObject):
     def toMarkdown(self) -> str:
         """Two Markdown tables: methods by problem, the best first, and methods over all problems."""
         return f"{markdownTable(self._cells(), 2)}\n\n{markdownTable(self._summaryCells(), 1)}"
+
+    def toLatex(self) -> str:
+        """The same two tables in LaTeX, see :func:`~satsep_ot.methods.common.tables.latexTable`."""
+        return f"{latexTable(self._cells(), 2)}\n\n{latexTable(self._summaryCells(), 1)}"
 
     def toText(self) -> str:
         """The same tables with aligned columns, then why there was no answer where there was none."""

@@ -2,12 +2,13 @@
 
 import dataclasses
 import time
+import warnings
 from collections.abc import Callable, Sequence
 
 import numpy as np
 import openturns as ot
 
-from satsep_ot.methods.common.tables import csvTable, markdownTable, textTable
+from satsep_ot.methods.common.tables import csvTable, latexTable, markdownTable, textTable
 from satsep_ot.methods.comparison.method import CountedProblem, ReliabilityMethod, Row
 from satsep_ot.methods.comparison.methods import makeMethod
 from satsep_ot.methods.reliability.limit_state import Limit, checkedKind
@@ -21,6 +22,8 @@ from satsep_ot.openturns_adapter import (
 )
 from satsep_ot.openturns_object import OpenTURNSObject
 
+# A method that may make more is named before a comparison without a limit begins.
+TOLD_EVALUATIONS = 100_000
 DEFAULT_METHODS = ("ActiveSubspace", "FORM", "SORM", "SubsetSampling", "MonteCarlo")
 
 
@@ -67,6 +70,8 @@ class ReliabilityComparison(OpenTURNSObject):
         self._rowCallback: Callable[[Row], None] | None = None
         self._runsCallback: Callable[[np.ndarray, np.ndarray], None] | None = None
         self._stopCallback: Callable[[], bool] | None = None
+        self._budget: int | None = None
+        self._announces = True
         self._result: ReliabilityComparisonResult | None = None
 
     def _shown(self):
@@ -101,8 +106,32 @@ class ReliabilityComparison(OpenTURNSObject):
         """When it returns True the running method ends with what it has, and no other is started."""
         self._stopCallback = callback
 
+    def setMaximumEvaluations(self, number: int | None) -> None:
+        """Limit of the evaluations and gradients of each method, together.
+
+        A method whose settings bound its evaluations is set to this bound; any other ends where its next evaluations
+        would exceed it, without a probability. None is no limit.
+
+        Without a call of this method, run() begins with a warning that names the methods that may make more than
+        100,000 evaluations.
+        """
+        if number is not None and (int(number) != number or number < 1):
+            raise ValueError(
+                f"the maximum of evaluations is {number}; it must be a whole number of at least 1, or None"
+            )
+        self._budget = None if number is None else int(number)
+        self._announces = False
+
     def run(self) -> None:
         """Run the methods one after the other."""
+        dear = {method.name: method.getMaximumEvaluations() or 0 for method in self._methods}
+        told = ", ".join(f"{name} up to {number:,}" for name, number in dear.items() if number > TOLD_EVALUATIONS)
+        if self._announces and told:
+            warnings.warn(
+                f"no limit of evaluations is set: {told}; setMaximumEvaluations() sets one for each method, "
+                "or None for no limit and no warning",
+                stacklevel=2,
+            )
         self._result = ReliabilityComparisonResult([])
         for method in self._methods:
             if self._stopCallback is not None and self._stopCallback():
@@ -119,7 +148,9 @@ class ReliabilityComparison(OpenTURNSObject):
         return self._result
 
     def _runMethod(self, method):
-        counter = Counter(self._runsCallback)
+        counter = Counter(self._runsCallback, self._budget)
+        if self._budget is not None:
+            method = method.within(self._budget)
 
         def report(percentage):
             if self._progressCallback is not None:
@@ -216,6 +247,10 @@ class ReliabilityComparisonResult(OpenTURNSObject):
     def toMarkdown(self) -> str:
         """The rows as a Markdown table."""
         return markdownTable(self._cells(), 1)
+
+    def toLatex(self) -> str:
+        """The rows as a LaTeX table, see :func:`~satsep_ot.methods.common.tables.latexTable`; without the notes."""
+        return latexTable([row[:-1] for row in self._cells()], 1)
 
     def toText(self) -> str:
         """The same table with aligned columns, and below it what the methods say of their results."""

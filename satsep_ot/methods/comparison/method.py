@@ -1,8 +1,10 @@
 """What a reliability method is given, and what it answers; to add one, derive from `ReliabilityMethod`."""
 
 import abc
+import copy
 import dataclasses
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import openturns as ot
@@ -33,6 +35,13 @@ class CountedProblem:
     components: tuple | None
     isFailure: Callable[[np.ndarray], np.ndarray]
     report: Callable[[float], bool]
+
+    def remaining(self, wanted: int) -> int:
+        """So many evaluations, or what the limit leaves of them."""
+        counter = self.counter
+        if counter.limit is None:
+            return wanted
+        return min(wanted, counter.limit - counter.evaluations - counter.gradients)
 
 
 @dataclasses.dataclass
@@ -82,6 +91,24 @@ class ReliabilityMethod(abc.ABC):
 
     name: str
     fixedSize = False
+    # Settings that bound the evaluations of a method.
+    limits: ClassVar[tuple[str, ...]] = ("size", "maximumEvaluations")
+
+    def getMaximumEvaluations(self) -> int | None:
+        """The most evaluations that the settings allow; None where they do not say."""
+        bounds = [getattr(self, name) for name in self.limits if hasattr(self, name)]
+        return max(bounds) if bounds else None
+
+    def within(self, budget: int) -> "ReliabilityMethod":
+        """This method, or a copy of it that is set to spend no more than a budget of evaluations."""
+        bound = self.getMaximumEvaluations()
+        if bound is None or bound <= budget:
+            return self
+        method = copy.copy(self)
+        for name in self.limits:
+            if hasattr(method, name):
+                setattr(method, name, min(getattr(method, name), budget))
+        return method
 
     @abc.abstractmethod
     def run(self, problem: CountedProblem) -> Row:

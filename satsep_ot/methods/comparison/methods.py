@@ -1,5 +1,6 @@
 """The reliability methods that can be compared, by name, each with documented settings."""
 
+from satsep_ot.methods.comparison.active_learning import AKMCS, AKMCSFeasibility
 from satsep_ot.methods.comparison.active_subspace import ActiveSubspace, SafeActiveSubspace
 from satsep_ot.methods.comparison.approximations import FORM, SORM, MultiFORM, SORMHohenbichler, SORMTvedt
 from satsep_ot.methods.comparison.method import ReliabilityMethod
@@ -16,6 +17,7 @@ from satsep_ot.methods.comparison.simulations import (
     QuasiMonteCarlo,
     SubsetSampling,
 )
+from satsep_ot.methods.comparison.surrogates import ChaosMonteCarlo, InverseRegressionChaos, PaperChain
 
 # The methods by name, each with its default settings.
 METHODS: dict[str, type[ReliabilityMethod]] = {
@@ -39,6 +41,11 @@ METHODS: dict[str, type[ReliabilityMethod]] = {
         DirectionalSampling,
         LineSampling,
         ActiveLineSampling,
+        AKMCS,
+        AKMCSFeasibility,
+        PaperChain,
+        ChaosMonteCarlo,
+        InverseRegressionChaos,
     )
 }
 

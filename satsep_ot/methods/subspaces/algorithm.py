@@ -1,6 +1,5 @@
 """Active subspaces in the standard normal space (Constantine, Active Subspaces, SIAM 2015)."""
 
-import contextlib
 import dataclasses
 import functools
 import math
@@ -88,6 +87,8 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         self._evaluations = 0
         self._gradients = 0
         self._result: ActiveSubspaceResult | None = None
+        # Gradients of a run that was interrupted.
+        self._interrupted: GradientSample | None = None
 
     @classmethod
     def FromGradientSample(
@@ -290,28 +291,17 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
                 with raisingInterrupts():
                     analysis = self._analyse(model, done)
             except KeyboardInterrupt:
-                self._keep(done)
+                self._result, self._interrupted = None, GradientSample.joined(done) if done else None
                 raise
             finally:
                 self._evaluations += model.evaluations
                 self._gradients += model.gradients
-        self._result = ActiveSubspaceResult(self._space, analysis, self._outputs)
+        self._result, self._interrupted = ActiveSubspaceResult(self._space, analysis, self._outputs), None
 
     def _usesDifferences(self):
         if self._gradientMethod == "Automatic":
             return self._gradientSampleFunction is None and not hasGradient(self._function)
         return self._gradientMethod != "Exact"
-
-    def _keep(self, done):
-        """The result of the gradients that were there when the run was interrupted."""
-        if not done:
-            return
-        sample = self._weighted(GradientSample.joined(done))
-        # They may not be enough for the dimension that is asked for.
-        with contextlib.suppress(ValueError):
-            analysis = analyse_gradients(sample, self._bootstrapSize, self._dimension)
-            analysis.remarks.append(f"the run was interrupted after {len(sample)} gradients")
-            self._result = ActiveSubspaceResult(self._space, analysis, self._outputs)
 
     def _analyse(self, model, done):
         """Analysis of as many gradients of a model as the settings ask for; they are put into the list by and by."""
@@ -383,7 +373,12 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         return weights
 
     def getResult(self) -> ActiveSubspaceResult:
-        """The :class:`ActiveSubspaceResult` of the last run."""
+        """The :class:`ActiveSubspaceResult` of the last run; of the gradients that were there if it was interrupted."""
+        if self._interrupted is not None:
+            # Not at the interrupt itself, which is to end the run at once.
+            analysis = analyse_gradients(self._weighted(self._interrupted), self._bootstrapSize, self._dimension)
+            analysis.remarks.append(f"the run was interrupted after {len(self._interrupted)} gradients")
+            self._result, self._interrupted = ActiveSubspaceResult(self._space, analysis, self._outputs), None
         if self._result is None:
             raise RuntimeError("There is no result yet: call run() first.")
         return self._result
