@@ -40,6 +40,7 @@ class Recorder:
 
 def run(event, methods, **options):
     comparison = ReliabilityComparison(event, methods)
+    comparison.setMaximumEvaluations(None)
     for name, value in options.items():
         getattr(comparison, f"set{name}")(*value) if name == "Components" else getattr(comparison, f"set{name}")(value)
     comparison.run()
