@@ -86,6 +86,26 @@ class RidgeApproximation(OpenTURNSObject):
         self._folds = int(setting("RidgeApproximation-FoldsNumber"))
         self._result: RidgeApproximationResult | None = None
 
+    @classmethod
+    def FromStandardSample(
+        cls, standardSample: ArrayLike, outputSample: ArrayLike, distribution: ot.Distribution
+    ) -> "RidgeApproximation":
+        """The algorithm on runs whose inputs are given as points (N, d) of the standard space.
+
+        Examples
+        --------
+        >>> import openturns as ot
+        >>> from satsep_ot import RidgeApproximation
+        >>> law = ot.JointDistribution([ot.Uniform(0.0, 1.0), ot.Gumbel()])
+        >>> points = ot.Normal(2).getSample(30)
+        >>> outputs = ot.SymbolicFunction(["u", "v"], ["u + v"])(points)
+        >>> algorithm = RidgeApproximation.FromStandardSample(points, outputs, law)
+        >>> algorithm.run()
+        >>> algorithm.getResult().getDirections()[0, 0].__round__(6)
+        0.707107
+        """
+        return cls(StandardSpace(distribution).toPhysical(standardSample), outputSample, distribution)
+
     def _shown(self):
         return {
             "size": len(self._points),
