@@ -399,7 +399,7 @@ def test_ridges_and_regressions_do_not_depend_on_the_size_of_the_output(random, 
     other.setDegree(regression.getDegree())
     other.run()
     assert regression.getResult().getQ2LeaveOneOut()[0] == pytest.approx(other.getResult().getQ2LeaveOneOut()[0])
-    assert regression.getResult().getSobolTotalIndex(0) == pytest.approx(other.getResult().getTotalSobolIndex(0))
+    assert regression.getResult().getSobolTotalIndex(0) == pytest.approx(other.getResult().getSobolTotalIndex(0))
     for scaled, plain in zip(
         regression.getResult().getPredictionInterval(inputs),
         other.getResult().getPredictionInterval(inputs),
