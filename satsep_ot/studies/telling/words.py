@@ -42,8 +42,8 @@ METHOD_DESCRIPTIONS = {
 METHOD_LIMITS = {
     StudyMethod.FORM: "FORM has no interval: it does not tell how far the limit is from the plane.",
     StudyMethod.SORM: "SORM has no interval: it does not tell how far the limit is from the paraboloid.",
-    StudyMethod.SUBSET_SAMPLING: "The interval of SubsetSampling treats its levels as independent, which they are not: "
-    "no verdict rests on it.",
+    StudyMethod.SUBSET_SAMPLING: "The interval of SubsetSampling takes an upper bound of the error, as if its levels "
+    "were fully dependent: no verdict rests on it.",
     StudyMethod.MONTE_CARLO: "The interval of MonteCarlo is the interval of Clopper and Pearson, which holds the truth "
     "in at least 95 % of samples. Where no violation is seen it is one-sided; this lowers the 95 % to 93.8 % at worst, "
     "near three expected violations.",
