@@ -32,7 +32,7 @@ def _quantity(table, row: Row):
     key = f"{table.name}.{row.key}"
     if row.holder == "springs":
         return f"`{key}`, `{key}.1`, ..., `{key}.each`"
-    if row.holder == "recess_planes":
+    if row.holder in ("recess_planes", "hold_downs"):
         return f"`{table.name}.1.{row.key}`, ..."
     first, *others = elements(row)
     if not first:

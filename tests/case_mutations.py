@@ -6,6 +6,18 @@ import re
 
 import openturns as ot
 
+TOUCHING = """
+[contact]
+[[hold_down]]
+angle = 10.0
+radius = 300.0
+release = 2.0
+[rails]
+half_width = 50.0
+clearance = 0.2
+satellite = [0.0, 300.0]
+mouth = 320.0
+"""
 # What the cases of the package leave out.
 EVERY_TABLE = """
 horizon = 20.0

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import jsonschema
 import pytest
-from case_mutations import EVERY_TABLE
+from case_mutations import EVERY_TABLE, TOUCHING
 from separation_cases import general_separation
 
+from satsep_ot.dynamics.contact import Contact, HoldDowns, Rails
 from satsep_ot.dynamics.quantities import QUANTITIES
 from satsep_ot.dynamics.springs import ForceLine
 from satsep_ot.model.case import CaseError, load_case, parse_case, shipped_cases
@@ -32,7 +33,12 @@ def schema():
 
 
 def test_every_parameter_has_a_row_and_every_row_a_parameter():
-    separation = general_separation(recess_planes=[[0.0, 0.0, 1.0, -0.5]])
+    separation = general_separation(
+        recess_planes=[[0.0, 0.0, 1.0, -0.5]],
+        contact=Contact(0.3),
+        rails=Rails(0.05, 1e-4, (0.0, 0.34), 0.36),
+        hold_downs=HoldDowns([0.0], 0.3, 5e-3),
+    )
     fields = {place.path for place in separation.parameter_places()}
     assert {row.field for _, row in parameter_rows()} == fields
     # What can scatter anywhere is called something.
@@ -131,7 +137,7 @@ def test_the_schema_offers_what_is_allowed(schema):
             text = text.replace("guide_friction = 0.1", "", 1)
         if force_line is ForceLine.STRUT:
             text = text.replace("stroke = 30.0", "stroke = 30.0\nstowed_length = 40.0", 1)
-        targets = scatter_targets(parse_case(text[: text.index("[inputs]")]).separation)
+        targets = scatter_targets(parse_case(text[: text.index("[inputs]")] + TOUCHING).separation)
         assert all(quantity.is_valid(key) for key in targets)
         known |= set(targets) | {f"{key}.each" for key, target in targets.items() if target.entries}
     assert offered <= known

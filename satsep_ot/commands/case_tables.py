@@ -17,8 +17,11 @@ from satsep_ot.model.hand_formulas import push_energy, push_velocity
 from satsep_ot.model.inputs import umbilical_springs
 from satsep_ot.model.parameters import (
     BODIES,
+    CONTACT,
+    HOLD_DOWN,
     ORBIT,
     PLANES,
+    RAILS,
     SPRINGS,
     UMBILICAL,
     elements,
@@ -128,9 +131,13 @@ def _springs(separation: Separation) -> Table:
 
 
 def _umbilicals(separation: Separation) -> Table:
-    table = make_table("Umbilical connectors", ">", *_titles(UMBILICAL.keys, UMBILICAL.rows))
-    for number, i in enumerate(umbilical_springs(separation), start=1):
-        values = (nominal_values(row, separation)[i + row.of_connector[0]] for row in UMBILICAL.rows)
+    connectors = umbilical_springs(separation)
+    # Pins that only slide have no stiffness.
+    sticks = any(separation.springs.stiffness[i + 1] > 0.0 for i in connectors)
+    rows = [row for row in UMBILICAL.rows if sticks or row.key != "pin_stiffness"]
+    table = make_table("Umbilical connectors", ">", *_titles([row.key for row in rows], rows))
+    for number, i in enumerate(connectors, start=1):
+        values = (nominal_values(row, separation)[i + row.of_connector[0]] for row in rows)
         table.add_row(str(number), *(f"{value:g}" for value in values))
     return narrow(table)
 
@@ -153,6 +160,7 @@ def _conditions(separation: Separation) -> Iterator[str]:
     yield f"The joined bodies turn about the centre of mass of the {separation.pivot.name.lower()}"
     yield from _orbit(separation)
     yield from _envelope(separation)
+    yield from _contact(separation)
 
 
 def _orbit(separation):
@@ -170,6 +178,26 @@ def _orbit(separation):
     if separation.recontact is not None:
         window = separation.recontact
         yield f"Re-contact: looked for from {window.start_orbits:g} to {window.end_orbits:g} orbits after the release"
+
+
+def _contact(separation):
+    """What the bodies touch and what holds them."""
+    names = separation.contact_elements()[1]
+    if not separation.has_contact():
+        yield "No contact: the deck holds nothing"
+        return
+    kinds = {"deck": "points on the deck", "cyl": "walls", "plane": "walls", "hold": "hold-downs", "pin": "pins"}
+    counts: dict[str, int] = {}
+    for name in names:
+        kind = next((words for start, words in kinds.items() if name.startswith(start)), "rails")
+        counts[kind] = counts.get(kind, 0) + 1
+    yield "Contact: " + ", ".join(f"{count} x {kind}" for kind, count in counts.items())
+    for table in (CONTACT, RAILS, HOLD_DOWN):
+        for row in table.rows:
+            values = nominal_values(row, separation) if row.field else []
+            if len(values) and any(values):
+                name, words = table.name.replace("_", "-").capitalize(), row.key.replace("_", " ")
+                yield f"{name}: {words} {_numbers(values)} {row.unit.name}".rstrip()
 
 
 def _envelope(separation):
@@ -239,6 +267,12 @@ def _accounts(separation, document) -> Iterator[str]:
             yield f"{name} released at {1e3 * _or_nan(time):.6f} ms{work}"
     if energy and momentum:
         gravity = "" if separation.orbit is None else " (gravity has a small part in both)"
+        if energy["error"] is None:
+            yield (
+                f"Kinetic energy gained {energy['gained']:.9g} J, {energy['contact_work']:.3g} J of it by contact, "
+                f"bolts and pins. The angular momentum changed by {momentum['change']:.1e} N m s{gravity}"
+            )
+            return
         yield (
             f"Kinetic energy gained {energy['gained']:.9g} J; it differs from the work of the springs by "
             f"{energy['error']:.1e} J. The angular momentum changed by {momentum['change']:.1e} N m s{gravity}"

@@ -111,6 +111,13 @@ QUANTITIES = {
     ),
 }
 
+# Of separations with contact.
+CONTACT_QUANTITIES = {
+    "contact_impulse": scaled("N s", "impulse of all normal forces of contact", "contact_impulse"),
+    "contact_force": scaled("N", "largest normal force of a point of contact", "contact_force"),
+    "last_contact": scaled("s", "time at which the last contact ends; 0 where nothing has touched", "last_contact"),
+}
+
 
 def base_fields(separation: Separation) -> list[str]:
     """The names of the B numbers that a run leaves behind.
@@ -135,8 +142,9 @@ def base_fields(separation: Separation) -> list[str]:
     ['w_x', 'w_y', 'w_z', 'omega_1_x', 'omega_1_y', 'omega_1_z']
     """
     exits = [f"exit_clearance_{i + 1}" for i in range(len(separation.recess_points()))]
+    contacts = ["contact_impulse", "contact_force", "last_contact"] * separation.has_contact()
     recontact = ["recontact_distance"] * (separation.recontact is not None)
-    return [*STATE_FIELDS, "time", "clearance", "deck_height", *exits, *recontact]
+    return [*STATE_FIELDS, "time", "clearance", "deck_height", *exits, *contacts, *recontact]
 
 
 def quantity_table(separation: Separation) -> dict[str, Quantity]:
@@ -156,6 +164,8 @@ def quantity_table(separation: Separation) -> dict[str, Quantity]:
             name,
             1e3,
         )._replace(part_of="clearance")
+    if separation.has_contact():
+        table |= CONTACT_QUANTITIES
     if separation.recontact is not None:
         window = separation.recontact
         table["recontact_distance"] = scaled(

@@ -14,6 +14,7 @@ from typing import Annotated
 
 import numpy as np
 
+from satsep_ot.dynamics.contact import Contact, HoldDowns, Rails, elements_of
 from satsep_ot.dynamics.kernels.records import LARGEST, named, record
 from satsep_ot.dynamics.kernels.status import Status as Status
 from satsep_ot.dynamics.orbit import Array, Orbit
@@ -163,6 +164,9 @@ class Separation:
         The window in which the smallest distance after the release is asked for; it needs an orbit.
     horizon : float
         When the simulation gives up [s].
+    contact, rails, hold_downs : Contact, Rails, HoldDowns or None
+        What the bodies touch and what holds them; see `satsep_ot.dynamics.contact`. Without `contact` the deck holds
+        nothing, and a run in which the satellite sinks into it fails.
 
     Raises
     ------
@@ -201,6 +205,9 @@ class Separation:
     guide_friction: Annotated[float, Parameter(Sign.NOT_NEGATIVE)] = 0.0
     recontact: Recontact | None = None
     horizon: float = 10.0
+    contact: Contact | None = None
+    rails: Rails | None = None
+    hold_downs: HoldDowns | None = None
 
     def __post_init__(self):
         vectors = (("attitude", 4), ("rates", 3), ("mounting_error", 3), ("impulse", 3), ("angular_impulse", 3))
@@ -233,7 +240,10 @@ class Separation:
             if points.shape[1:] != (3,) or not np.isfinite(points).all():
                 raise ValueError(f"envelope has shape {points.shape}; it must be points of 3 finite coordinates [m]")
             object.__setattr__(self, "envelope", points)
+        if self.contact is not None and self.contact.walls and self.envelope is None:
+            raise ValueError("contact.walls is on without an envelope; give its points or switch it off")
         self._check_parameters()
+        self.contact_elements()
 
     def _check_parameters(self):
         if self.envelope is not None and self.recess_points().size == 0:
@@ -254,8 +264,26 @@ class Separation:
                 *(np.atleast_1d(getattr(self, name)) for name in parameter_fields(Separation)),
                 self.springs.parameters(),
                 self.recess_planes[:, 3],
+                *(part.parameters() for part in self._contact_parts().values()),
             ]
         )
+
+    def _contact_parts(self):
+        """What there is of contact, by its name."""
+        parts = {"contact": self.contact, "rails": self.rails, "hold_downs": self.hold_downs}
+        return {name: part for name, part in parts.items() if part is not None}
+
+    def contact_elements(self) -> tuple[np.ndarray, list[str]]:
+        """The points that touch, bolts and pins, as records for the kernels, and their names; none without contact."""
+        return elements_of(
+            self.contact, self.rails, self.hold_downs, self.springs, self.recess_points(), self.recess_planes,
+            self.recess_radius > 0.0,
+        )  # fmt: skip
+
+    def has_contact(self) -> bool:
+        """Whether anything of `contact`, `rails`, `hold_downs` or pins that stick is there."""
+        pins = self.springs.law_property("holds_back") & (self.springs.stiffness > 0.0)
+        return bool(self._contact_parts()) or bool(pins.any())
 
     def with_parameters(self, vector: np.ndarray) -> "Separation":
         """The separation that has these parameters, and all else from this one: the inverse of `parameters`.
@@ -297,7 +325,7 @@ class Separation:
         planes = self.recess_planes.copy()
         planes[:, 3] = numbers.pop("recess_planes", [])
         object.__setattr__(changed, "recess_planes", planes)
-        for owner in ("platform", "satellite", "springs"):
+        for owner in ("platform", "satellite", "springs", *self._contact_parts()):
             part = getattr(self, owner).with_parameters(np.array(numbers.pop(owner)))
             object.__setattr__(changed, owner, part)
         for name, values in numbers.items():
@@ -308,10 +336,13 @@ class Separation:
 
     def parameter_places(self) -> list[Place]:
         """What stands where in the flat parameter vector, P places; springs and planes are numbered from 0."""
+        parts = self._contact_parts()
         return [
             *_COMMON_PLACES,
             *(place for i in range(len(self.springs)) for place in places(Springs, "springs", i)),
             *(Place("recess_planes.offset", "", Sign.ANY, i) for i in range(len(self.recess_planes))),
+            *(place for name in ("contact", "rails") if name in parts for place in places(type(parts[name]), name)),
+            *(place for i in range(len(parts.get("hold_downs", ()))) for place in places(HoldDowns, "hold_downs", i)),
         ]
 
     def parameter_names(self) -> list[str]:
@@ -348,7 +379,9 @@ class Separation:
         if not self.force_line.loads_guide:
             zero["guide_friction"] = "only the force line NORMAL loads the guides laterally"
         for i in np.flatnonzero(~self.springs.law_property("has_stiffness")):
-            for name in ("stiffness", "deformation"):
+            # Pins that stick have a stiffness.
+            names = ("deformation",) if self.springs.stiffness[i] > 0.0 else ("stiffness", "deformation")
+            for name in names:
                 zero[f"springs[{i}].{name}"] = "another law than the linear one holds for this spring"
         return zero
 

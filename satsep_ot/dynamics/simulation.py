@@ -4,11 +4,13 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
+from satsep_ot.dynamics.contact import CONTACT_PARAMETERS, HOLD_DOWN_PARAMETERS, RAIL_PARAMETERS
 from satsep_ot.dynamics.kernels import records
 from satsep_ot.dynamics.kernels.adjoint import (
     CLEARANCE_OUTPUT,
@@ -20,15 +22,20 @@ from satsep_ot.dynamics.kernels.adjoint import (
 )
 from satsep_ot.dynamics.kernels.batch import run_rows, sweep_rows
 from satsep_ot.dynamics.kernels.compilation import prepare
+from satsep_ot.dynamics.kernels.contact import GONE, LOADED, OPEN, OUT, SLACK, SLIPS, STICKS
+from satsep_ot.dynamics.kernels.contact_batch import run_contact_rows, sweep_contact_rows
 from satsep_ot.dynamics.kernels.records import (
     LANES,
     LARGEST,
+    MAXIMUM_CONTACT_STEPS,
     MAXIMUM_STEPS,
     RESULT_SIZE,
     STATE,
     STATE_SIZE,
     Buffers,
+    ContactBuffers,
 )
+from satsep_ot.dynamics.kernels.run import RELEASE
 from satsep_ot.dynamics.quantities import STATE_FIELDS, base_fields, quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches
 from satsep_ot.dynamics.rotations import rotation_matrix
@@ -43,6 +50,8 @@ from satsep_ot.dynamics.separation import (
 )
 from satsep_ot.dynamics.springs import spring_records
 
+CONTACT_SWEEP_CHUNK = 4  # the same of runs with contact, whose tapes are longer
+CONTACT_CHUNK = 128
 SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a run does not depend on it
 # What the coast after the release starts from.
 COAST_FIELDS = [*(field for field in STATE_FIELDS if field.startswith(("d_", "w_", "q_1_"))), "time"]
@@ -61,7 +70,9 @@ def _buffers(separation, slots):
         cubics=cubics,
         points=np.zeros((slots, point_number), records.POINT),
         planes=np.zeros((slots, plane_number), records.PLANE),
-        tapes=np.zeros((slots, MAXIMUM_STEPS + 1), records.TAPE),
+        tapes=np.zeros(
+            (slots, 1 + (MAXIMUM_CONTACT_STEPS if separation.has_contact() else MAXIMUM_STEPS)), records.TAPE
+        ),
         steps=np.zeros(1, records.STEP),
         progress=np.zeros(1, records.PROGRESS),
         limits=separation.parameter_limits,
@@ -82,6 +93,26 @@ def _buffers(separation, slots):
     buffers.springs["in_sums"] = springs["is_linear"] * separation.force_line.is_fixed
     buffers.points["place"] = points
     buffers.planes["normal"] = planes[:, :3]
+    return buffers
+
+
+def _contact_buffers(separation, slots):
+    """What runs with contact need beside `_buffers`."""
+    elements, _ = separation.contact_elements()
+    contact = separation.contact
+    counts = (int(contact is not None), int(separation.rails is not None), len(separation.hold_downs or ()))
+    types = (CONTACT_PARAMETERS, RAIL_PARAMETERS, HOLD_DOWN_PARAMETERS)
+    buffers = ContactBuffers(
+        np.zeros((slots, len(elements)), records.ELEMENT),
+        np.zeros(slots, records.CONTACT),
+        np.zeros((slots, records.MAXIMUM_EVENTS), records.EVENT),
+        *(np.zeros(count, kind) for count, kind in zip(counts, types, strict=True)),
+        np.empty(0) if contact is None else contact.angles(),
+        np.empty((0, 3)) if contact is None else contact.feet(),
+        records.aligned_records(len(elements), records.ELEMENT_ADJOINT),
+        *(np.zeros((LANES, count), kind) for count, kind in zip(counts, types, strict=True)),
+    )
+    buffers.elements[:] = elements
     return buffers
 
 
@@ -315,8 +346,11 @@ def _coast(separation, parameters, base, gradient=False):
 _NO_OUTPUTS = np.zeros(0, records.OUTPUT)
 
 
-def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
-    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of outputs (n, C, P)."""
+def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, listed=None):
+    """The outcome, the states at the times `stops` (n, S, 20), and the gradients of outputs (n, C, P).
+
+    The events of a single run with contact are appended to `listed`.
+    """
     rows = parameter_rows(separation, parameters)
     n, point_number = len(rows), len(separation.recess_points())
     common = (
@@ -330,6 +364,25 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
     sweeping = len(outputs) > 0
 
     spare: list[Buffers] = []  # the memory of threads between two pieces
+    touching = separation.has_contact()
+    contacts = np.zeros((n, 3))
+    sweep_chunk = CONTACT_SWEEP_CHUNK if touching else SWEEP_CHUNK
+
+    def contact_job(first, end):
+        slots = sweep_chunk if sweeping else 1
+        buffers, more = _buffers(separation, slots), _contact_buffers(separation, slots)
+        runs = (
+            first, end, int(sweeping), rows, *common, buffers, more, results, exit_clearances, release_times, status,
+            steps, last, states, contacts,
+        )  # fmt: skip
+        sweeps = first, end, rows, buffers, more, status, steps, last, outputs, gradients
+        prepare({run_contact_rows: runs, sweep_contact_rows: sweeps} if sweeping else {run_contact_rows: runs})
+        with np.errstate(all="ignore"):
+            run_contact_rows(*runs)
+            if sweeping:
+                sweep_contact_rows(*sweeps)
+        if listed is not None:
+            listed.extend(more.events[0][: min(more.contacts[0].events, records.MAXIMUM_EVENTS)].copy())
 
     def job(first, end):
         try:
@@ -349,10 +402,15 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
                 sweep_rows(*sweeps)
         spare.append(buffers)
 
-    _in_threads(n, SWEEP_CHUNK if sweeping else RUN_CHUNK, job)
+    if touching:
+        _in_threads(n, sweep_chunk if sweeping else CONTACT_CHUNK, contact_job)
+    else:
+        _in_threads(n, SWEEP_CHUNK if sweeping else RUN_CHUNK, job)
     base = np.full((n, len(base_fields(separation))), np.nan)
     base[:, :RESULT_SIZE] = results["x"]
     base[:, RESULT_SIZE : RESULT_SIZE + point_number] = exit_clearances
+    if touching:
+        base[:, RESULT_SIZE + point_number : RESULT_SIZE + point_number + 3] = contacts
     # The smallest clearance of no points is infinite.
     computed = base if point_number else np.delete(base, STATE_SIZE + 1, axis=1)
     computed = computed[:, : computed.shape[1] - (separation.recontact is not None)]
@@ -368,7 +426,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS):
     heights = base[sunk, DECK_COLUMN]
     base[failed] = np.nan
     base[sunk, DECK_COLUMN] = heights
-    states["x"][failed & ~sunk] = np.nan
+    states["x"][failed & ~sunk & (status != Status.STUCK)] = np.nan
     gradients[failed] = np.nan
     return Outcome(separation, rows, base, release_times, status, steps, notices), states["x"], gradients
 
@@ -436,6 +494,75 @@ def trajectory(
     return Trajectory(
         Status(outcome.status[0]), times, states[0], outcome.release_times[0], outcome.base[0, :STATE_SIZE].copy()
     )
+
+
+class ContactEvent(NamedTuple):
+    """An event of a run with contact.
+
+    Attributes
+    ----------
+    time : float
+        [s]
+    name : str
+        Of the spring, point, bolt or pins.
+    what : str
+        "is pressed" (at t = 0), "engages", "lets go", "closes" (a gap that was still negative), "leaves" or "enters"
+        the extent of a surface, "releases", "slips", "sticks".
+    speed : float
+        Rate of the gap, or of the stroke of pins [m/s].
+    """
+
+    time: float
+    name: str
+    what: str
+    speed: float
+
+
+def contact_events(
+    separation: Separation, parameters: ArrayLike | None = None, tolerance: float = 1e-8
+) -> list[ContactEvent]:
+    """The events of one run with contact, in their order; none for a separation without contact.
+
+    Parameters
+    ----------
+    separation : Separation
+    parameters : array_like, shape (P,), optional
+    tolerance : float
+
+    Returns
+    -------
+    events : list of ContactEvent
+        At most 500.
+
+    Raises
+    ------
+    ValueError
+        If an argument is not allowed.
+    """
+    if not separation.has_contact():
+        return []
+    listed: list = []
+    rows = None if parameters is None else np.atleast_2d(parameters)[:1]
+    _simulate(separation, rows, np.empty(0), tolerance, listed=listed)
+    names = separation.contact_elements()[1]
+    return [_contact_event(event, names) for event in listed]
+
+
+_MODE_WORDS = {OPEN: "lets go", SLACK: "lets go", OUT: "leaves", STICKS: "sticks", SLIPS: "slips", GONE: "releases"}
+
+
+def _contact_event(event, names):
+    """An event as people read it."""
+    if event.what == RELEASE:
+        return ContactEvent(float(event.time), f"spring {event.element + 1}", "releases", 0.0)
+    what = _MODE_WORDS.get(event.mode, "engages")
+    if event.mode == LOADED and event.time == 0.0:
+        what = "is pressed"
+    elif event.mode == OPEN and event.before == SLACK:
+        what = "closes"
+    elif event.before == OUT:
+        what = "enters"
+    return ContactEvent(float(event.time), names[event.element], what, float(event.speed))
 
 
 def inertial_motion(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -162,7 +162,14 @@ def _checked_table(i, table, stroke):
 
 
 def umbilical(
-    angle: float, radius: float, stiffness: float, deformation: float, stroke: float, friction: float, engagement: float
+    angle: float,
+    radius: float,
+    stiffness: float,
+    deformation: float,
+    stroke: float,
+    friction: float,
+    engagement: float,
+    pin_stiffness: float = 0.0,
 ) -> Springs:
     """An umbilical connector as two springs: its short, off-centre push, and the friction of its pins.
 
@@ -177,6 +184,9 @@ def umbilical(
         of any spring on (sliding friction, Coulomb's law; the bodies do not slide before that).
     engagement : float
         Stroke at which the pins leave the socket [m].
+    pin_stiffness : float
+        Stiffness of the pins while they stick [N/m]: they hold from t = 0 on up to their friction, slip against the
+        motion, whichever way it goes, and stick again where it ends. 0: they only slide apart, with a constant force.
 
     Returns
     -------
@@ -199,7 +209,7 @@ def umbilical(
     return Springs(
         [angle, angle],
         radius,
-        [stiffness, 0.0],
+        [stiffness, pin_stiffness],
         [deformation, 0.0],
         [stroke, engagement],
         scale=[1.0, friction],

@@ -161,6 +161,11 @@ def scatter_targets(separation: Separation) -> dict[str, Target]:
             of_springs = {place.index: place for place in members if place.index is not None}
             named = {i + 1: (place.name,) for i, place in of_springs.items() if i not in of_connectors}
             targets |= _numbered(key, row, named, "spring")
+        elif row.holder == "hold_downs":
+            for place in members:
+                number = (place.index or 0) + 1
+                description = row.scatters.format(number=number)
+                targets[f"{table.name}.{number}.{row.key}"] = Target(key, (place.name,), row.unit, description)
         elif row.holder == "recess_planes":
             for number, place in enumerate(members, start=1):
                 description = row.scatters.format(number=number)

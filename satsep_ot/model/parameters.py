@@ -11,9 +11,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from satsep_ot.dynamics.contact import Contact, HoldDowns, Rails
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER
 from satsep_ot.dynamics.parameter_vector import Sign, parameter_fields
-from satsep_ot.dynamics.quantities import QUANTITIES
+from satsep_ot.dynamics.quantities import CONTACT_QUANTITIES, QUANTITIES
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
 from satsep_ot.dynamics.springs import ForceLine
@@ -28,6 +29,7 @@ from satsep_ot.model.values import (
     KILOMETRE_PER_SECOND,
     METRE_PER_SECOND,
     MILLIMETRE,
+    MILLIMETRE_PER_SECOND,
     MILLISECOND,
     NEWTON,
     NEWTON_METRE_SECOND,
@@ -36,11 +38,13 @@ from satsep_ot.model.values import (
     ONE,
     ORBITS,
     SECOND,
+    SECOND_PER_METRE,
     Angles,
     Attitude,
     Choice,
     Direction,
     DistributionName,
+    Ends,
     Flag,
     ForceTables,
     Name,
@@ -48,6 +52,7 @@ from satsep_ot.model.values import (
     Number,
     PerSpring,
     Points,
+    PointsOrNumber,
     Scatter,
     SpringCount,
     SpringNumbers,
@@ -57,7 +62,10 @@ from satsep_ot.model.values import (
     Word,
 )
 
-_HOLDERS = {"": Separation, "platform": Body, "satellite": Body, "springs": Springs}
+_HOLDERS = {
+    "": Separation, "platform": Body, "satellite": Body, "springs": Springs, "contact": Contact, "rails": Rails,
+    "hold_downs": HoldDowns,
+}  # fmt: skip
 ZERO = (0.0, 0.0, 0.0)
 # Where the push, along y, points -> where the position and the horizontal part of the velocity point in body axes at
 # t = 0.
@@ -182,7 +190,74 @@ UMBILICAL = CaseTable(
                   "friction of the pins, from the first push of any spring on"),
     _of_connector("engagement", "stroke", (1,), MILLIMETRE, "engagement of the pins",
                   "stroke at which the pins leave the socket"),
+    Row("pin_stiffness", Number(NEWTON_PER_METRE, Sign.NOT_NEGATIVE),
+        "stiffness of the pins while they stick; 0: they only slide, with a constant force", ABSENT,
+        "`0`; `1e8` with `[contact]`, `[[hold_down]]` or `[rails]`",
+        field="springs.stiffness", scatters="stiffness of the pins", of_connector=(1,)),
 ), is_list=True)
+
+
+def _law(owner, stiffness, friction):
+    """The rows of a law of contact."""
+    return (
+        _parameter("stiffness", f"{owner}.stiffness", NEWTON_PER_METRE, "stiffness of each point", stiffness,
+                   scatters="stiffness of a point of contact"),
+        _parameter("restitution", f"{owner}.restitution", ONE,
+                   "share of the speed of an impact that is left after it; above 0, at most 1", 0.5,
+                   scatters="coefficient of restitution"),
+        _parameter("impact_speed", f"{owner}.impact_speed", MILLIMETRE_PER_SECOND,
+                   "speed of the impact at which `restitution` holds", 5.0, scatters="impact speed of the restitution"),
+        _parameter("damping", f"{owner}.damping", SECOND_PER_METRE,
+                   "damping of the contact instead of `restitution`", 0.0, scatters="damping of the contact"),
+        _parameter("friction", f"{owner}.friction", ONE, "coefficient of friction", friction,
+                   scatters="coefficient of friction"),
+        _parameter("v_eps", f"{owner}.sliding_speed", MILLIMETRE_PER_SECOND,
+                   "sliding speed below which friction fades", 1.0, scatters="sliding speed of the friction"),
+    )
+
+
+CONTACT = CaseTable(
+    "contact", "What the satellite's foot touches, the deck and the walls of the recess; else they hold nothing.", (
+    _parameter("radius", "contact.radius", MILLIMETRE, "radius of the edge of the satellite's ring", ABSENT,
+               "largest radius of the springs", scatters="radius of the ring's edge", only="with contact only"),
+    Row("points", PointsOrNumber(MILLIMETRE),
+        "number of points on that edge, or their places from the ring centre; 0: the deck holds nothing", 48),
+    _parameter("level", "contact.level", MILLIMETRE, "height of the deck over the ring plane", 0.0,
+               scatters="height of the deck", only="with contact only"),
+    *_law("contact", 1e7, 0.2),
+    Row("walls", Flag(), "whether the walls of the recess hold the points of the envelope", False),
+))
+
+HOLD_DOWN = CaseTable(
+    "hold_down", "A bolt, or a segment of a clamp band, that lets go late: a ball joint until then.", (
+    _parameter("angle", "hold_downs.angle", DEGREE, "angle of its place, as of a spring",
+               scatters="angle of hold-down {number}"),
+    _parameter("radius", "hold_downs.radius", MILLIMETRE, "distance of its place from the ring centre",
+               scatters="radius of hold-down {number}"),
+    _parameter("release", "hold_downs.release", MILLISECOND, "when it lets go",
+               scatters="release time of hold-down {number}"),
+    _parameter("stiffness", "hold_downs.stiffness", NEWTON_PER_METRE, "its stiffness", 1e8,
+               scatters="stiffness of hold-down {number}"),
+    _parameter("damping_ratio", "hold_downs.damping_ratio", ONE, "its damping ratio", 0.2,
+               scatters="damping ratio of hold-down {number}"),
+    _parameter("damping_time", "hold_downs.damping_time", MILLISECOND, "damping time beside that of `damping_ratio`",
+               0.0, scatters="damping time of hold-down {number}"),
+    Row("points", Number(ONE, Sign.POSITIVE, 41.0), "number of joints along `arc`, for a segment of a clamp band", 1),
+    Row("arc", Number(DEGREE, Sign.NOT_NEGATIVE), "length of the segment, centred on `angle`", 0.0),
+), is_list=True)
+
+RAILS = CaseTable("rails", "The square channel of a dispenser and the satellite's rails in it.", (
+    _parameter("half_width", "rails.half_width", MILLIMETRE, "half of the width of the satellite across its rails",
+               scatters="half width across the rails", only="with rails only"),
+    _parameter("clearance", "rails.clearance", MILLIMETRE,
+               "clearance of each rail from its wall; negative for an interference",
+               scatters="clearance of the rails", only="with rails only"),
+    Row("satellite", Ends(MILLIMETRE), "ends of the satellite's rails, `[y, y]` from its ring centre",
+        field="rails.satellite", scatters="{element} of the satellite's rails", only="with rails only"),
+    _parameter("mouth", "rails.mouth", MILLIMETRE, "end of the channel, from the platform's ring centre",
+               scatters="end of the channel", only="with rails only"),
+    *_law("rails", 1e6, 0.1),
+))
 
 IMPULSE = CaseTable(
     "impulse",
@@ -294,8 +369,9 @@ CORRELATION = CaseTable("correlation", "Inputs that are correlated with each oth
 
 REQUIREMENT = CaseTable("requirements", "A limit on a quantity of interest.", (
     Row("name", Name(), "different for each requirement", ABSENT, "the quantity"),
-    Row("quantity", Word((*QUANTITIES, "clearance", "recontact_distance"), "^exit_clearance_[1-9][0-9]*$"),
-        "a quantity of interest"),
+    Row("quantity", Word(
+        (*QUANTITIES, *CONTACT_QUANTITIES, "clearance", "recontact_distance"), "^exit_clearance_[1-9][0-9]*$"
+    ), "a quantity of interest"),
     *(Row(key, Number(), f"the {key} allowed, in the quantity's unit; the limit itself meets the requirement", ABSENT,
           "exactly one of `maximum` and `minimum`") for key in ("maximum", "minimum")),
     Row("allowed_probability", Number(ONE, Sign.POSITIVE, 1.0), "largest accepted probability of violation", ABSENT),
@@ -305,8 +381,8 @@ REQUIREMENT = CaseTable("requirements", "A limit on a quantity of interest.", (
 TABLES = {
     table.name: table
     for table in (
-        TOP, *BODIES.values(), SPRINGS, UMBILICAL, IMPULSE, INITIAL, ORBIT, RECONTACT, ENVELOPE, PLANES, INPUT,
-        CORRELATION, REQUIREMENT,
+        TOP, *BODIES.values(), SPRINGS, UMBILICAL, CONTACT, HOLD_DOWN, RAILS, IMPULSE, INITIAL, ORBIT, RECONTACT,
+        ENVELOPE, PLANES, INPUT, CORRELATION, REQUIREMENT,
     )
 }  # fmt: skip
 
@@ -359,7 +435,7 @@ def scatter_keys() -> tuple[list[str], list[str]]:
         key = f"{table.name}.{row.key}"
         if row.holder == "springs":
             each.append(key)
-        elif row.holder != "recess_planes":
+        elif row.holder not in ("recess_planes", "hold_downs"):
             single += [f"{key}.{element}" if element else key for element in elements(row)]
     return single, each
 

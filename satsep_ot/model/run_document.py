@@ -13,10 +13,11 @@ from satsep_ot.dynamics.invariants import (
     spring_strokes,
     spring_work,
 )
+from satsep_ot.dynamics.kernels.records import STATE_SIZE
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.rotations import quaternion_product
 from satsep_ot.dynamics.separation import Separation, Status
-from satsep_ot.dynamics.simulation import inertial_motion, simulate, trajectory
+from satsep_ot.dynamics.simulation import contact_events, inertial_motion, simulate, trajectory
 from satsep_ot.model.case import Case
 from satsep_ot.model.inputs import umbilical_springs
 
@@ -62,6 +63,7 @@ def run_document(case: Case, times: Sequence[float] = (), tolerance: float = 1e-
     outcome = simulate(separation, tolerance=tolerance)
     status = Status(int(outcome.status[0]))
     quantities = quantity_table(separation)
+    at_last = float(outcome.base[0, STATE_SIZE]) if separation.has_contact() else np.nan
     events = [*push_starts(separation), *outcome.release_times[0]]
     stops = np.unique([0.0, *times, *(time for time in events if math.isfinite(time))])
     path = trajectory(separation, stops, tolerance=tolerance)
@@ -76,10 +78,25 @@ def run_document(case: Case, times: Sequence[float] = (), tolerance: float = 1e-
         "quantities": {name: _number(outcome.quantity(name)[0]) for name in quantities},
         "units": {name: quantity.unit for name, quantity in quantities.items()},
         "release_times": [_number(time) for time in outcome.release_times[0]],
-        "at_last_release": _motion(np.nanmax(path.release_times, initial=0.0), path.last_release),
+        "at_last_release": _motion(
+            at_last if math.isfinite(at_last) else np.nanmax(path.release_times, initial=0.0), path.last_release
+        ),
         "at": [_motion(time, at[time]) for time in times],
         "energy": _energy(separation, path, at, tolerance),
         "angular_momentum": _momentum(separation, path),
+        **_contacts(separation, tolerance),
+    }
+
+
+def _contacts(separation, tolerance):
+    """The events of a separation with contact."""
+    if not separation.has_contact():
+        return {}
+    return {
+        "events": [
+            {"t": event.time, "name": event.name, "what": event.what, "speed": event.speed}
+            for event in contact_events(separation, tolerance=tolerance)
+        ]
     }
 
 
@@ -123,6 +140,11 @@ def _energy(separation, path, at, tolerance):
     work = spring_work(separation, strokes_at(push_starts(separation)), strokes_at(path.release_times))
     work -= guide_loss(separation, path.release_times, tolerance)
     start, end = kinetic_energy(separation, np.array([path.states[0], path.last_release]))
+    if separation.has_contact():
+        # The work of pins is not that of a constant force; it is in that of contact.
+        work[separation.springs.law_property("holds_back") & (separation.springs.stiffness > 0.0)] = 0.0
+        rest = end - start - work.sum()
+        return {"spring_work": work.tolist(), "gained": end - start, "contact_work": rest, "error": None}
     return {"spring_work": work.tolist(), "gained": end - start, "error": end - start - work.sum()}
 
 

@@ -3,7 +3,7 @@
 import json
 from typing import Any
 
-from satsep_ot.model.parameters import INPUT, TABLES, scatter_keys
+from satsep_ot.model.parameters import HOLD_DOWN, INPUT, TABLES, scatter_keys
 from satsep_ot.model.rows import ABSENT, NEEDED, CaseTable, Row
 
 _DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -32,8 +32,8 @@ def case_schema() -> dict[str, Any]:
         inner = _input_schema() if table is INPUT else _table_schema(table)
         if table.is_list:
             inner = {"type": "array", "items": inner, "description": table.meaning}
-        if name == "umbilical":
-            # A single connector is a table.
+        if name in ("umbilical", "hold_down"):
+            # A single one is a table.
             inner = {"anyOf": [inner["items"], inner], "description": table.meaning}
         owner, _, key = name.rpartition(".")
         holder = schema["properties"][owner] if owner else schema
@@ -86,6 +86,7 @@ def _input_schema():
     words = {"enum": [*single, *(f"{key}{ending}" for key in each for ending in ("", ".each"))]}
     numbered = "|".join(key.replace(".", r"\.") for key in each)
     planes = r"envelope\.planes\.[1-9][0-9]*\.offset"
-    pattern = {"type": "string", "pattern": rf"^(({numbered})\.[1-9][0-9]*|{planes})$"}
+    bolts = rf"hold_down\.[1-9][0-9]*\.({'|'.join(row.key for row in HOLD_DOWN.rows if row.field)})"
+    pattern = {"type": "string", "pattern": rf"^(({numbered})\.[1-9][0-9]*|{planes}|{bolts})$"}
     entry["properties"]["quantity"] |= {"anyOf": [words, pattern]}
     return {"type": "object", "description": "Uncertain inputs, one entry each.", "additionalProperties": entry}

@@ -21,7 +21,10 @@ _GRADIENT_CHUNK = 2048
 
 
 # Endings of a run that a study counts as violations: of a satellite that does not come off as it should.
-COUNTED = (Status.PENETRATION,)
+COUNTED = (Status.PENETRATION, Status.STUCK, Status.TOO_MANY_EVENTS)
+
+
+NEVER_FREE = -1.0  # s, the end of the last contact of a counted run
 
 
 class SeparationError(RuntimeError):
@@ -250,6 +253,9 @@ def violating_values(case: Case) -> dict[str, float]:
     outcome, table = simulate(case.separation), quantity_table(case.separation)
     nominal = {name: float(outcome.quantity(name)[0]) for name in table}
     values = {name: value if np.isfinite(value) else 0.0 for name, value in nominal.items()}
+    if "last_contact" in values:
+        # No run that ends well has it: a study counts by it.
+        values["last_contact"] = NEVER_FREE
     for entry in reversed(case.requirements):
         distance = abs(nominal[entry.quantity] - entry.limit)
         distance = distance if 0.0 < distance < np.inf else abs(entry.limit) or 1.0

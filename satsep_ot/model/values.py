@@ -56,6 +56,8 @@ DEGREE_PER_SECOND = Unit("deg/s", math.pi / 180.0)
 MILLISECOND = Unit("ms", 1e-3, "s", 0.005)
 SECOND = Unit("s")
 METRE_PER_SECOND = Unit("m/s")
+MILLIMETRE_PER_SECOND = Unit("mm/s", 1e-3, "m/s")
+SECOND_PER_METRE = Unit("s/m")
 KILOMETRE_PER_SECOND = Unit("km/s", 1e3)
 CUBIC_KILOMETRE_PER_SQUARE_SECOND = Unit("km3/s2", 1e9)
 NEWTON = Unit("N")
@@ -244,6 +246,20 @@ class Vector(Numbers):
 
 
 @dataclass(frozen=True)
+class Ends(Vector):
+    """Two numbers, the smaller one first."""
+
+    def allowed(self, count: int = 0) -> str:
+        return f"two finite numbers in {self.unit.name}, the smaller one first"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return is_numbers(given, 2) and given[0] < given[1]
+
+    def schema(self) -> dict[str, Any]:
+        return _list_of({"type": "number"}, 2, 2)
+
+
+@dataclass(frozen=True)
 class Direction(Vector):
     """Three numbers that are not all 0; read as a vector of length 1."""
 
@@ -280,6 +296,27 @@ class Points(Numbers):
 
     def schema(self) -> dict[str, Any]:
         return _list_of(Vector(self.unit).schema(), 1)
+
+
+@dataclass(frozen=True)
+class PointsOrNumber(Points):
+    """A list of points, or how many of them there are; read as an array or as the number."""
+
+    most: int = 120
+
+    def allowed(self, count: int = 0) -> str:
+        return f"a whole number from 0 to {self.most}, or {super().allowed()}"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        if isinstance(given, list):
+            return 0 < len(given) <= self.most
+        return isinstance(given, int) and not isinstance(given, bool) and 0 <= given <= self.most
+
+    def convert(self, given: Any, count: int = 0) -> Any:
+        return super().convert(given) if isinstance(given, list) else given
+
+    def schema(self) -> dict[str, Any]:
+        return {"anyOf": [{"type": "integer", "minimum": 0, "maximum": self.most}, super().schema()]}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.storage import syncDirectory
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
 from satsep_ot.model.case import SYSTEM
-from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.separation_function import NEVER_FREE, SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.openturns_adapter import toXML
 from satsep_ot.studies.telling.plain_data import dataclass_from_plain
@@ -26,7 +26,7 @@ BLOCK = 1024
 # The outputs of so many runs are kept in a file: about 100 bytes a run.
 LARGEST_FILE = 10_000_000
 # No requirement has this name, which is longer than any.
-SUNK = "the satellite sinks into the deck " + "." * 200
+COUNTED_RUNS = "the satellite does not come off " + "." * 200
 
 
 @dataclasses.dataclass(frozen=True)
@@ -66,7 +66,10 @@ class SampleSummary:
     inputs, outputs : tuple of str
         Their names with units.
     sunk : int
-        Runs in which the satellite sinks into the deck, which violate every requirement.
+        Runs in which the satellite sinks into the deck or, with contact, does not come free: they violate every
+        requirement.
+    touched : float or None
+        Share of the runs in which the bodies touched each other; None without contact, or where no file was kept.
     """
 
     seconds: float
@@ -81,6 +84,7 @@ class SampleSummary:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     sunk: int = 0
+    touched: float | None = None
 
     @staticmethod
     def from_plain(data: dict[str, Any]) -> "SampleSummary":
@@ -131,13 +135,16 @@ def run_sample(
     model = SeparationFunction(case, countsEndings=True)
     # The run of the means must separate: nothing else of a study would mean anything.
     SeparationFunction(case).evaluate([distribution.getMean()])
+    counted = ("deck_height", ot.Less(), -1e3 * PENETRATION_LIMIT)
+    if case.separation.has_contact():
+        counted = ("last_contact", ot.Less(), 0.5 * NEVER_FREE)
     stream = MonteCarloStream(model, distribution, size)
     stream.setEvents(
         {
             entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit)
             for entry in problem.getRequirements()
         }
-        | {SUNK: ("deck_height", ot.Less(), -1e3 * PENETRATION_LIMIT)}
+        | {COUNTED_RUNS: counted}
     )
     stream.setBlockSize(BLOCK)
     stream.setExecutor(executor)
@@ -169,7 +176,8 @@ def run_sample(
         deviation=tuple(result.getStandardDeviation()),
         violations={name: result.getEventNumber(name) for name in problem.getRequirementNames()}
         | {SYSTEM: result.getEventNumber()},
-        sunk=result.getEventNumber(SUNK),
+        sunk=result.getEventNumber(COUNTED_RUNS),
+        touched=_touched(path, model) if case.separation.has_contact() else None,
         limits={
             entry.name: SampleLimit(columns.index(entry.quantity), entry.is_maximum, entry.limit)
             for entry in problem.getRequirements()
@@ -177,6 +185,15 @@ def run_sample(
         inputs=tuple(model.getInputDescription()),
         outputs=tuple(model.getOutputDescription()),
     )
+
+
+def _touched(path, model):
+    """The share of the runs in a file of outputs in which something touched."""
+    if not path.exists():
+        return None
+    names = [label.rpartition(" [")[0] for label in model.getOutputDescription()]
+    outputs = np.load(path, mmap_mode="r", allow_pickle=False)
+    return float(np.mean(outputs[:, names.index("last_contact")] != 0.0))
 
 
 def sample_inputs(distribution: ot.Distribution, seed: int, total: int, size: int) -> np.ndarray:

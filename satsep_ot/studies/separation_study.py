@@ -594,6 +594,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             correlated=case.copula is not None,
             assumptions=tuple(assumptions(case)),
             sunk=None if self._summary is None else self._summary.sunk,
+            touched=None if self._summary is None else self._summary.touched,
         )
 
     def _quantities(self, inputs):

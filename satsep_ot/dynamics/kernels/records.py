@@ -208,8 +208,70 @@ TAPE = record(
     ("length", NUMBER),
     ("method", INTEGER),
     ("event", INTEGER),  # what ends the step
-    ("spring", INTEGER),  # which spring does
+    ("spring", INTEGER),  # which spring does, or which element of contact
+    ("mode_before", INTEGER),  # of the element
+    ("mode", INTEGER),
+    ("value", NUMBER),  # of its anchor or sign before
 )
+
+# A point of one body against a surface of the other, a bolt or the pins of a connector: see `contact`.
+ELEMENT = record(
+    ("kind", INTEGER),
+    ("group", INTEGER),
+    ("number", INTEGER),  # in its group; of pins that of their spring
+    ("wall", INTEGER),  # plane of the recess
+    ("mode", INTEGER),
+    ("point", *VECTOR),  # from the CG of its body, in the axes of that body
+    ("other", *VECTOR),  # of a bolt on the platform, from its CG
+    ("normal", *VECTOR),  # of a plane, in the axes of its owner
+    ("level", NUMBER),  # normal . r of the plane from the owner's CG, or the radius of a cylinder
+    ("start", NUMBER),  # gap at t = 0, at most 0, from which the gap counts
+    ("stiffness", NUMBER),
+    ("damping", NUMBER),  # lambda [s/m]; of a bolt and of pins T [s]
+    ("friction", NUMBER),
+    ("sliding", NUMBER),  # v_eps [m/s]
+    ("low", NUMBER),  # it lives where low < y < high, y of the point from the other body's ring centre
+    ("high", NUMBER),
+    ("release", NUMBER),  # of a bolt [s]
+    ("anchor", NUMBER),  # of pins that stick [m]
+    ("sign", NUMBER),  # of pins that slip, the direction
+    ("final", NUMBER, 3),  # mode, anchor and sign at the end of the run
+    # The conditions of its mode at the start of the step and at its end, which hold where they are positive, and their
+    # rates (NaN where none is known).
+    ("before", NUMBER, 3),
+    ("rate_before", NUMBER, 3),
+    ("after", NUMBER, 3),
+    ("rate_after", NUMBER, 3),
+)
+
+# What a run with contact has beside.
+CONTACT = record(
+    ("loaded", INTEGER, 160),  # elements that act
+    ("number_loaded", INTEGER),
+    ("frequency", NUMBER),  # of the stiffest contact [rad/s]
+    ("held", INTEGER),  # bolts and pins that still hold
+    ("known", INTEGER),  # whether the conditions at the end of the last step are those of all modes now
+    ("hint", NUMBER),  # when the next event is expected, from now [s]
+    ("still_since", NUMBER),  # since when nothing slides [s]
+    ("pushed_until", NUMBER),  # when the last spring lets go [s]
+    ("stuck", INTEGER),
+    ("events", INTEGER),
+    ("impulse", NUMBER),  # of all normal forces [N s]
+    ("force", NUMBER),  # largest normal force [N]
+    ("last_contact", NUMBER),  # end of the last contact [s]
+)
+
+# An event of a run with contact.
+EVENT = record(
+    ("time", NUMBER),
+    ("what", INTEGER),
+    ("element", INTEGER),
+    ("before", INTEGER),  # its mode
+    ("mode", INTEGER),
+    ("speed", NUMBER),
+)
+MAXIMUM_EVENTS = 500
+MAXIMUM_CONTACT_STEPS = 60000
 
 # Scratch of a step.
 STEP = record(
@@ -289,6 +351,22 @@ class Run(NamedTuple):
     progress: Any  # record PROGRESS
 
 
+class ContactRun(NamedTuple):
+    """The same of a run with contact: compiled functions take another way by this type."""
+
+    system: Any
+    springs: Any
+    cubics: Any
+    points: Any
+    planes: Any
+    tape: Any  # TAPE (MAXIMUM_CONTACT_STEPS + 1,)
+    step: Any
+    progress: Any
+    elements: Any  # ELEMENT (M,)
+    contact: Any  # record CONTACT
+    events: Any  # EVENT (MAXIMUM_EVENTS,)
+
+
 class Parameters(NamedTuple):
     """The parameters of one run: the flat vector and its parts, see `satsep_ot.dynamics.separation.PARAMETERS`."""
 
@@ -297,6 +375,19 @@ class Parameters(NamedTuple):
     common: Any  # record
     springs: Any  # records (N,)
     offsets: Any  # of the planes (W,)
+
+
+class ContactParameters(NamedTuple):
+    """The same of a run with contact."""
+
+    vector: Any
+    limits: Any
+    common: Any
+    springs: Any
+    offsets: Any
+    contact: Any  # records (1 or 0,)
+    rails: Any  # records (1 or 0,)
+    hold_downs: Any  # records (H,)
 
 
 class Gradients(NamedTuple):
@@ -391,6 +482,53 @@ class Buffers(NamedTuple):
     chains: Any  # CHAIN_ADJOINT (1,)
     spring_adjoints: Any  # SPRING_ADJOINT (N,)
     offset_adjoints: Any  # (W, LANES)
+
+
+ELEMENT_ADJOINT = named(
+    ("point", *_VECTOR_LANES),
+    ("other", *_VECTOR_LANES),
+    *((name, NUMBER, _LANE) for name in (
+        "level", "stiffness", "damping", "friction", "sliding", "low", "high", "release", "anchor", "force",
+    )),
+    lanes=_LANE,
+)  # fmt: skip
+
+
+class ContactGradients(NamedTuple):
+    """The derivatives of LANES outputs with respect to the parameters of a run with contact."""
+
+    common: Any
+    springs: Any
+    offsets: Any
+    contact: Any  # records (LANES, 1 or 0)
+    rails: Any
+    hold_downs: Any  # (LANES, H)
+
+
+class ContactBuffers(NamedTuple):
+    """What runs with contact need beside `Buffers`."""
+
+    elements: Any  # ELEMENT (S, M)
+    contacts: Any  # CONTACT (S,)
+    events: Any  # EVENT (S, MAXIMUM_EVENTS)
+    contact: Any  # see ContactParameters
+    rails: Any
+    hold_downs: Any
+    angles: Any  # of the points on the ring's edge (K,)
+    feet: Any  # or points given (K', 3)
+    element_adjoints: Any  # ELEMENT_ADJOINT (M,)
+    contact_gradients: Any  # see ContactGradients
+    rail_gradients: Any
+    hold_gradients: Any
+
+
+class ContactSweep(NamedTuple):
+    """The adjoints of LANES outputs on their way back through one run with contact."""
+
+    chain: Any
+    springs: Any
+    offsets: Any
+    elements: Any  # ELEMENT_ADJOINT (M,)
 
 
 class Sweep(NamedTuple):

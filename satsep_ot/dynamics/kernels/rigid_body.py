@@ -5,6 +5,7 @@ the relative position (metres) is integrated, never coordinates of 7e6 m. R is t
 """
 
 from satsep_ot.dynamics.kernels.compilation import inline, kernel
+from satsep_ot.dynamics.kernels.contact import contact_forces, contact_forces_adjoint
 from satsep_ot.dynamics.kernels.gravity import (
     earth_vector,
     gradient_torque,
@@ -55,6 +56,7 @@ def derivative(t, state, slope, run):
     R = rotation(state.Q)
     omega_1, omega_2 = vector(state.omega_1), vector(state.omega_2)
     F, M_2, M_1 = spring_forces(state, R, run)
+    F, M_2, M_1 = contact_forces(state, R, run, F, M_2, M_1)
     M_2 = transposed_times(R, M_2)
     a = scaled(system.inverse_reduced_mass, F)
     if system.gravity != NO_GRAVITY:
@@ -131,7 +133,8 @@ def derivative_adjoint(t, state, slope, run, sweep):
     chain, system = sweep.chain, run.system
     by_state, constants, inverse_mass = chain.derivative, chain.constants, system.inverse_reduced_mass
     R = rotation(state.Q)
-    F, M_2, _ = spring_forces(state, R, run)
+    F, M_2, M_1 = spring_forces(state, R, run)
+    F, M_2, _ = contact_forces(state, R, run, F, M_2, M_1)
     kinematics_adjoint(state, chain)
     body_adjoint(
         system.platform, vector(state.omega_1), vector(slope.omega_1), chain.slope.omega_1, chain.platform_torque,
@@ -151,6 +154,7 @@ def derivative_adjoint(t, state, slope, run, sweep):
         put_lane(chain.satellite_moment, n, times(R, by_torque))
         put_product(chain.rotation, n, M_2, by_torque)
     spring_forces_adjoint(state, R, run, sweep)
+    contact_forces_adjoint(state, R, run, sweep)
     if system.gravity != NO_GRAVITY:
         gravity_adjoint(t, state, R, run, chain)
     rotation_adjoint(state.Q, chain.rotation, by_state.Q)

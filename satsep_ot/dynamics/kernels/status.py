@@ -16,6 +16,8 @@ class Status(enum.IntEnum):
     PENETRATION = 5
     INVALID_PARAMETERS = 6
     NO_SPRING = 7
+    STUCK = 8
+    TOO_MANY_EVENTS = 9
 
     @property
     def sentence(self) -> str:
@@ -33,7 +35,20 @@ _SENTENCES = {
     ),
     Status.INVALID_PARAMETERS: "a parameter is not finite or not physical",
     Status.NO_SPRING: "every spring has failed: nothing pushes the bodies apart",
+    Status.STUCK: "the satellite is stuck: something still pushes or holds, and nothing moves any more",
+    Status.TOO_MANY_EVENTS: "the motion had more than 500 events: the bodies rattle against each other",
 }
 
 # For the kernels, which take plain integers as constants.
-OK, NO_RELEASE, NO_EXIT, STEP_UNDERFLOW, TOO_MANY_STEPS, PENETRATION, INVALID_PARAMETERS, NO_SPRING = integers(*Status)
+(
+    OK,
+    NO_RELEASE,
+    NO_EXIT,
+    STEP_UNDERFLOW,
+    TOO_MANY_STEPS,
+    PENETRATION,
+    INVALID_PARAMETERS,
+    NO_SPRING,
+    STUCK,
+    TOO_MANY_EVENTS,
+) = integers(*Status)

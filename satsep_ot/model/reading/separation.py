@@ -8,12 +8,14 @@ import numpy as np
 from satsep_ot.dynamics.relative_orbit import check_orbit
 from satsep_ot.dynamics.separation import Body, Separation, is_inertia
 from satsep_ot.model.parameters import BODIES, TABLES, parameter_rows
+from satsep_ot.model.reading.contact import read_contact, read_hold_downs, read_rails
 from satsep_ot.model.reading.orbit import read_orbit, read_recontact
 from satsep_ot.model.reading.springs import read_force_line, read_springs, read_umbilicals
 from satsep_ot.model.reading.table import CaseError, Table, tables
 
 # The tables that a separation is read from, and those of them without which there is no such thing.
-_ABSENT = ("orbit", "recontact", "envelope")
+_ABSENT = ("orbit", "recontact", "envelope", "contact", "rails")
+_PIN_STIFFNESS = 1e8  # N/m, of pins in a case with contact
 _ONE_EACH = ("platform", "satellite", "springs", "impulse", "initial", *_ABSENT)
 
 
@@ -40,8 +42,10 @@ def read_separation(top: Table, files: dict[str, str]) -> Separation:
     table = {name: _inner_table(top, name) for name in _ONE_EACH}
     springs = read_springs(table["springs"], files)
     connectors = tables(top.file, TABLES["umbilical"], top.data.get("umbilical", []), "umbilical", one=True)
-    for connector in read_umbilicals(connectors):
+    touches = any(name in top for name in ("contact", "hold_down", "rails"))
+    for connector in read_umbilicals(connectors, _PIN_STIFFNESS if touches else 0.0):
         springs = springs.joined(connector)
+    held = tables(top.file, TABLES["hold_down"], top.data.get("hold_down", []), "hold_down", one=True)
     force_line = read_force_line(table["springs"])
     initial = table["initial"]
     orbit, attitude = read_orbit(table["orbit"], initial)
@@ -61,6 +65,9 @@ def read_separation(top: Table, files: dict[str, str]) -> Separation:
             **_read_envelope(table["envelope"]),
             recontact=recontact,
             horizon=top.read("horizon"),
+            contact=read_contact(table["contact"], springs),
+            rails=read_rails(table["rails"]),
+            hold_downs=read_hold_downs(held),
             **_read_parameters(table),
         )
         if recontact is not None:

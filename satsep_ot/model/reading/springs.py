@@ -45,10 +45,13 @@ def read_springs(table: Table, files: dict[str, str]) -> Springs:
     return Springs(**values, tables=force_tables)
 
 
-def read_umbilicals(tables: list[Table]) -> Iterator[Springs]:
-    """The springs of each umbilical connector."""
+def read_umbilicals(tables: list[Table], pin_stiffness: float) -> Iterator[Springs]:
+    """The springs of each umbilical connector; its pins have that stiffness [N/m] where the file says no other."""
     for table in tables:
-        yield umbilical(**{key: table.read(key) for key in table.rows.keys})
+        given = {key: table.read(key) for key in table.rows.keys}
+        if given["pin_stiffness"] is None:
+            given["pin_stiffness"] = pin_stiffness
+        yield umbilical(**given)
 
 
 def read_force_line(table: Table) -> ForceLine:

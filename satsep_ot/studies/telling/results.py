@@ -367,8 +367,10 @@ class StudyResult:
         What the numbers rest on, a sentence each.
     figures : tuple of FigureFile
     sunk : int or None
-        Runs of the sample in which the satellite sinks into the deck, which violate every requirement; None where there
-        is no sample.
+        Runs of the sample in which the satellite sinks into the deck or, with contact, does not come free: they violate
+        every requirement. None where there is no sample.
+    touched : float or None
+        Share of the runs of the sample in which the bodies touched each other; None without contact.
     """
 
     case: str
@@ -393,6 +395,7 @@ class StudyResult:
     figures: tuple[FigureFile, ...] = ()
     driver_measures: dict[str, DriverMeasure] = dataclasses.field(default_factory=dict)
     sunk: int | None = None
+    touched: float | None = None
 
     def rows_of(self, requirement: str) -> tuple[Estimate, ...]:
         """The estimates of one requirement, or of "any requirement"."""
