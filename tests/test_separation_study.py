@@ -200,3 +200,19 @@ def test_old_accessors_warn_and_tell_the_same(study):
         assert study.getResults()["case"] == "reference"
     assert len(caught) == 7
     assert all(issubclass(one.category, DeprecationWarning) for one in caught)
+
+
+def test_the_chain_of_the_paper_runs_where_it_is_asked_for():
+    assert "PaperChain" not in SeparationStudy(SeparationProblem("reference"))._methods
+    study = SeparationStudy(SeparationProblem("reference"), methods=["PaperChain"], sampleSize=1000)
+    study.computeSample()
+    study.compareMethods()
+    rows = {row.requirement: row for row in study.getResult().rows}
+    velocity = rows["axial velocity"]
+    # Nearly linear: here the chain is right (docs/benchmarks.md has the probability).
+    assert velocity.probability == pytest.approx(6.0e-4, rel=0.2)
+    assert (velocity.lower95, velocity.method) == (None, StudyMethod.PAPER_CHAIN)
+    assert "not corrected by true runs, and without an interval" in velocity.note
+    # The norm of two rates is no quartic of the directions that gradients near the mean show.
+    lateral = rows["lateral rate"]
+    assert lateral.probability is None or not 0.8 < lateral.probability / 2.7e-4 < 1.25

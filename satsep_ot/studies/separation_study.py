@@ -61,7 +61,7 @@ from satsep_ot.studies.telling.results import (
     StudyResult,
     Tolerance,
 )
-from satsep_ot.studies.telling.words import StudyMethod
+from satsep_ot.studies.telling.words import DEFAULT_METHODS, StudyMethod
 
 STUDY_METHODS = tuple(StudyMethod)
 # What a study writes, beside the case and its tables.
@@ -88,7 +88,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     ----------
     problem : :class:`satsep_ot.model.separation_problem.SeparationProblem`
     methods : sequence of str
-        Among ActiveSubspace, FORM, SORM, SubsetSampling, MonteCarlo.
+        Among ActiveSubspace, FORM, SORM, SubsetSampling, MonteCarlo, by default these; and PaperChain.
     seed : int
         Every method starts from a seed made of this one, its own name and the requirement, so that its row does not
         depend on which others run.
@@ -123,7 +123,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     def __init__(
         self,
         problem: SeparationProblem,
-        methods: Sequence[str] = STUDY_METHODS,
+        methods: Sequence[str] = DEFAULT_METHODS,
         seed: int = 0,
         sampleSize: int = 500_000,
         gradientSize: int = 300,
