@@ -28,6 +28,7 @@ _LARGEST_RELATIVE_SCATTER = 0.2
 _KNOWN_RELATIVELY = (KILOGRAM, KILOGRAM_SQUARE_METRE, NEWTON_PER_METRE)  # units of what is known to some per cent
 _USUAL_ENVELOPE = (5.0, 5e4)  # mm
 _SAMPLE_SIZE = 1024
+_CONTACT_SAMPLE_SIZE = 128  # of cases with contact, whose runs take longer
 # Units in which a document may give what the case file wants in another: how many of ours one of them is. Only those
 # that are far enough from ours to be told from a generous limit.
 _OTHER_UNITS = {
@@ -109,6 +110,8 @@ def plausibility_warnings(case: Case) -> list[str]:
 
 def requirement_scatter(case: Case) -> list[RequirementScatter]:
     """Each requirement beside the nominal run and 1,024 well-spread combinations of the uncertain inputs.
+
+    With contact, whose runs take longer, 128.
 
     The combinations are points of a Sobol' sequence, the same each time; the random generator is left alone.
 
@@ -350,7 +353,8 @@ def _beyond_a_table(separation, entry, moved, high):
 def _scattered_runs(case):
     """A well-spread sample of the parameters and its runs, without touching the random generator."""
     distribution = joint_distribution(case.inputs, case.copula)
-    points = ot.LowDiscrepancyExperiment(ot.SobolSequence(), distribution, _SAMPLE_SIZE, False).generate()
+    size = _CONTACT_SAMPLE_SIZE if case.separation.has_contact() else _SAMPLE_SIZE
+    points = ot.LowDiscrepancyExperiment(ot.SobolSequence(), distribution, size, False).generate()
     parameters = ParameterMap(case.inputs, case.separation).parameters(np.array(points))
     return parameters, simulate(case.separation, parameters)
 
