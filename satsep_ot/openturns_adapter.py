@@ -113,19 +113,22 @@ def interruptible() -> Iterator[None]:
     # While any of its functions runs, OpenTURNS answers SIGINT itself, by an exception of C++ that it throws out of the
     # handler, also over the frames of Python that it has called in between: the interpreter ends, at once or later. So
     # the first Python function that it calls puts Python's own handler back, which only notes the signal; OpenTURNS
-    # does so too at its end. Remove when it leaves the signal alone while Python runs.
+    # does so too at its end. What remains are the milliseconds in which nothing but OpenTURNS runs. Remove when it
+    # leaves the signal alone.
     if _PYTHON_HANDLER is None or signal.getsignal(signal.SIGINT) in _NO_HANDLER or sys.getprofile() is not None:
         yield
         return
 
-    def atFirstCall(frame, event, argument):
-        # OpenTURNS' own functions of Python come before its handler does.
-        if event == "call" and not frame.f_code.co_filename.startswith(_OPENTURNS):
-            sys.setprofile(None)
+    def atCall(frame, event, argument):
+        if event == "call":
             ctypes.pythonapi.PyOS_setsig(signal.SIGINT, _PYTHON_HANDLER)
+            # Functions of OpenTURNS come first, some before its handler is in place, one after: while it prepares the
+            # points for the user's function, Python's handler is there already.
+            if not frame.f_code.co_filename.startswith(_OPENTURNS):
+                sys.setprofile(None)
 
     with raisingInterrupts():
-        sys.setprofile(atFirstCall)
+        sys.setprofile(atCall)
         try:
             yield
         finally:

@@ -25,13 +25,13 @@ def one(x):
     return [x[0] + x[1] ** 2]
 
 def many(points):
-    time.sleep(0.03)
+    time.sleep(0.5 if sys.argv[1] == "subspace" else 0.03)
     return np.asarray(points, dtype=float).sum(axis=1, keepdims=True)
 
 function = ot.PythonFunction(2, 1, one) if sys.argv[2] == "one" else ot.PythonFunction(2, 1, func_sample=many)
 if sys.argv[1] == "subspace":
     task = ActiveSubspaceAlgorithm(function, ot.Normal(2))
-    task.setSamplingSize(20_000)
+    task.setSamplingSize(1_000)
 else:
     task = MonteCarloStream(function, ot.Normal(2), 1_000_000)
     task.setBlockSize(16)
