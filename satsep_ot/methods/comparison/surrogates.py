@@ -30,10 +30,10 @@ _CHAOS_TERMS = 1000
 class PaperChain(ReliabilityMethod):
     """Active subspace from gradients, quartic polynomial on its variables, and the probability of that polynomial.
 
-    The chain of Hu, Parks, Chen and Seshadri (2016) and of many after it: gradients at points drawn from the inputs'
-    distribution, the dimension by the separated log-gap, the degree up to 4 by cross-validation. The probability is
-    computed for up to three variables. What the polynomial misses near the limit, which such points rarely see, is an
-    error of the probability.
+    The chain of Hu, Chen, Zhao and Yao (Acta Astronautica 131, 2017), whose idea this project takes up: gradients at
+    points drawn from the inputs' distribution, the dimension by the separated log-gap, the degree up to 4 by
+    cross-validation. The probability is computed for up to three variables. What the polynomial misses near the limit,
+    which such points rarely see, is an error of the probability.
 
     Parameters
     ----------
