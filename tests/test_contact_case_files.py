@@ -13,6 +13,8 @@ from satsep_ot.model.case import CaseError, parse_case
 from satsep_ot.model.run_document import run_document
 from satsep_ot.model.schema import case_schema
 from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies.separation_study import SeparationStudy
 
 FAILED = CASE.replace("stroke = 30.0", "stroke = 30.0\nfailed = [1]")
 CONTACT = "[contact]\nradius = 350\nfriction = 0.1\nv_eps = 2.0\n"
@@ -156,3 +158,26 @@ def test_interference_that_is_too_large_is_stuck():
     document = run_document(parse_case(text))
     assert document["status"] == "STUCK"
     assert document["message"] == "the satellite is stuck: something still pushes or holds, and nothing moves any more"
+
+
+def test_a_study_of_a_case_with_contact(tmp_path):
+    """It says what touches, how often, and counts runs that do not come free: pins that may hold more than the push."""
+    pins = PINS.replace("friction = 40", "friction = 500").replace("engagement = 5", "engagement = 20")
+    text = with_tables("[contact]\nradius = 350\n", pins).replace(
+        "[inputs]",
+        '[inputs]\nhold = { quantity = "umbilical.friction", distribution = "Uniform", a = 400.0, b = 680.0 }',
+    )
+    text = text.replace('distribution = "Exponential", lambda = 0.5', 'distribution = "Uniform", a = 0, b = 1')
+    case = parse_case(text.replace("maximum = 9.0", "maximum = 300.0").replace("minimum = 0.4", "minimum = 0.05"))
+    study = SeparationStudy(SeparationProblem(case), methods=["MonteCarlo"], sampleSize=400, gradientSize=40)
+    study.setDirectory(tmp_path / "study")
+    study.run()
+    result = study.getResult()
+    assert 0 < result.sunk < 400
+    assert 0.0 < result.touched <= 1.0
+    assert all(row.probability >= result.sunk / 400 for row in result.rows)
+    study.save()
+    page = (tmp_path / "study" / "report.html").read_text(encoding="utf-8")
+    assert "% of the runs of the sample the bodies touch each other" in page
+    assert "They push each other by springs with damping and friction" in page
+    assert "In the nominal run" in page

@@ -1,5 +1,7 @@
 """Sentences beside the numbers of a study: where methods contradict each other, what the numbers rest on and miss."""
 
+from satsep_ot.dynamics.separation import Status as SeparationStatus
+from satsep_ot.dynamics.simulation import contact_events, simulate
 from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import best_estimate, contradiction, estimate_by
@@ -23,6 +25,7 @@ COVERAGE = {
     "axial velocity": ("reference-axial-velocity", 60, 96.7),
     "clearance": ("reference-clearance", 16, 100.0),
 }
+_SHOWN_CONTACTS = 8
 # Above this shape of the tail of the corrections' weights an interval is not reliable.
 _HEAVY_TAIL = 0.7
 _NOT_VALIDATED = (
@@ -53,7 +56,11 @@ def assumptions(case: Case) -> list[str]:
         gravity,
         f"The {len(case.inputs)} uncertain inputs have the distributions of the case file and are {dependence}. The "
         "probabilities are as good as these distributions, whose tails are rarely measured.",
-        "Every quantity is taken at the last release unless its description says otherwise.",
+        "Every quantity is taken at the last release unless its description says otherwise."
+        if not separation.has_contact()
+        else "Every quantity is taken at the last release, of springs, bolts and pins, or at the end of the last "
+        "contact, whichever is later, unless its description says otherwise.",
+        *_nominal_contacts(separation),
     ]
 
 
@@ -76,6 +83,34 @@ def _contact(separation):
         "in place of none velocities by up to 1.3 % and rates by 0.6 deg/s; with a late bolt and a failed spring "
         "together the stiffness moved them by 4 %: let these numbers scatter."
     )
+
+
+def _nominal_contacts(separation):
+    """What touched what in the nominal run, when and how hard."""
+    if not separation.has_contact():
+        return
+    outcome = simulate(separation)
+    begins, ends = {}, {}
+    for event in contact_events(separation):
+        if event.what in ("is pressed", "engages"):
+            begins.setdefault(event.name, event.time)
+        elif event.what in ("lets go", "leaves") and event.name in begins:
+            ends[event.name] = event.time
+    if outcome.status[0] != SeparationStatus.OK or not begins:
+        yield f"In the nominal run {'nothing touches' if not begins else outcome.explain(0)}."
+        return
+    force, impulse = (float(outcome.quantity(name)[0]) for name in ("contact_force", "contact_impulse"))
+    shown = sorted(begins, key=begins.get)[:_SHOWN_CONTACTS]
+    touches = ", ".join(f"{name} {_span(begins[name], ends.get(name))}" for name in shown)
+    more = f" and {len(begins) - len(shown)} more" if len(begins) > len(shown) else ""
+    yield (
+        f"In the nominal run {len(begins)} points touch (first and last time in ms): {touches}{more}. The largest "
+        f"normal force of a point is {force:.3g} N, the impulse of all of them {impulse:.3g} N s."
+    )
+
+
+def _span(begin, end):
+    return f"{1e3 * begin:.3g}" if end is None else f"{1e3 * begin:.3g} to {1e3 * end:.3g}"
 
 
 def remarks(result: StudyResult) -> list[str]:
