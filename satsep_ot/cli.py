@@ -58,12 +58,15 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, RuntimeError) as error:
         # Our own errors say in one sentence what is wrong; anything else is a defect and keeps its traceback.
         from satsep_ot.methods.parallel.chunks import ChunkError
+        from satsep_ot.methods.parallel.processor import MixedProcessorsError
         from satsep_ot.model.case import CaseError
         from satsep_ot.model.separation_function import SeparationError
         from satsep_ot.studies.results_directory import DirectoryError
 
         if isinstance(error, (CaseError, DirectoryError)):
             return fail(error, 2)
+        if isinstance(error, MixedProcessorsError):
+            return fail(f"{error} (study --mixed-processors)", 2)
         if isinstance(error, ChunkError):
             return fail(f"{error}; {options.command.left_behind(options)}", 1)
         if isinstance(error, SeparationError):

@@ -1,14 +1,17 @@
 """Chunks on any executor: order, room, another attempt for each way to fail, and the error after the last."""
 
 import copy
+import math
 import multiprocessing
 import os
 import pickle
+import re
+import signal
 import subprocess
 import sys
 import threading
 import time
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
@@ -30,6 +33,7 @@ from process_tree import descendants, survivors
 from satsep_ot.methods.parallel import scheduler as chunk_scheduler
 from satsep_ot.methods.parallel.chunks import Chunk, ChunkError, Work
 from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.processor import MixedProcessorsError, processorDescription
 from satsep_ot.methods.parallel.scheduler import ChunkScheduler, endExecutor, workerNumber
 
 
@@ -421,6 +425,7 @@ import sys
 import time
 
 from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.processor import MixedProcessorsError, processorDescription
 
 def process(_):
     time.sleep(0.2)
@@ -452,3 +457,106 @@ def test_processes_end_with_a_parent_that_is_killed(tmp_path):
         time.sleep(0.5)
         parent.kill()
     assert not survivors(workers)
+
+
+def test_the_time_limit_follows_from_the_chunks_that_are_finished():
+    scheduler = ChunkScheduler(ThreadPoolExecutor(1))
+    scheduler.setMeasuredTimeout(20.0, 60.0)
+    settings = chunk_scheduler._Settings(None, scheduler._measured, 3, 300.0, True, False)
+    work = chunk_scheduler._Run(scheduler, settings, Work(sum), None, True)
+    assert work._measuredLimit() == 600.0
+    work._durations = [1.0, 1.0, 2.0, 500.0]
+    assert work._measuredLimit() == 60.0
+    work._durations = [6.0, 7.0, 8.0]
+    assert work._measuredLimit() == 140.0
+    for wrong in ((0.5, 60.0), (20.0, 0.0), (20.0, math.nan)):
+        with pytest.raises(ValueError, match="must be at least 1, and positive"):
+            scheduler.setMeasuredTimeout(*wrong)
+
+
+@pytest.mark.parametrize("row", [6.0, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_a_stopped_process_is_told_and_its_chunk_tried_elsewhere(row, tmp_path, monkeypatch, caplog):
+    monkeypatch.setattr(chunk_scheduler, "_QUIET", 0.5)
+    scheduler = ChunkScheduler(processes(2))
+    scheduler.setMeasuredTimeout(20.0, 6.0)
+    assert np.array_equal(run(scheduler, DoublingWithFault(stop_process, row, 1, tmp_path)), EXPECTED)
+    scheduler.close()
+    said = [record.getMessage() for record in caplog.records if record.name == "satsep_ot"]
+    sentence = r"waiting for worker process \d+, which is stopped since \d\d:\d\d:\d\d: rows "
+    assert any(re.search(sentence, message) for message in said)
+    assert any("is tried elsewhere" in message for message in said)
+    assert not multiprocessing.active_children()
+
+
+def test_a_process_that_is_stopped_without_work_does_not_hold_up_the_end(monkeypatch):
+    monkeypatch.setattr(chunk_scheduler, "_ENDING", 0.5)
+    scheduler = ChunkScheduler(processes(2))
+    pool = scheduler.getExecutor()
+    assert pool.submit(abs, -1).result() == 1
+    for process in pool._processes.values():
+        os.kill(process.pid, signal.SIGSTOP)
+    scheduler.close()
+    assert not multiprocessing.active_children()
+
+
+class InThisProcess(Executor):
+    def submit(self, call, *arguments, **options):
+        future = Future()
+        future.set_result(call(*arguments))
+        return future
+
+
+def answers_of(processors):
+    """An executor in this process whose workers say that they have these processors, one after the other."""
+    names = iter(processors)
+
+    class Workers(InThisProcess):
+        def submit(self, call, *arguments, **options):
+            future = super().submit(call, *arguments, **options)
+            future.result().processor = next(names)
+            return future
+
+    return Workers()
+
+
+def test_a_mixture_of_processors_is_refused_or_accepted_and_told():
+    chunks = [Chunk(i, i + 1, [i]) for i in range(3)]
+    scheduler = ChunkScheduler(answers_of(["Zen", "Zen", "Xeon"]))
+    with pytest.raises(MixedProcessorsError, match="a worker has Xeon, where Zen is used") as caught:
+        list(scheduler.run(Work(sum), iter(chunks)))
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    scheduler = ChunkScheduler(answers_of(["Zen", "Zen", "Xeon"]))
+    scheduler.setMixedProcessorsAllowed(True)
+    assert [result for _, result in scheduler.run(Work(sum), iter(chunks))] == [0, 1, 2]
+    assert scheduler.getProcessors() == ["Xeon", "Zen"]
+    scheduler = ChunkScheduler(answers_of(["Zen", "Zen", "Zen"]))
+    scheduler.setProcessors(["Xeon"])
+    with pytest.raises(MixedProcessorsError, match="a worker has Zen, where Xeon is used"):
+        list(scheduler.run(Work(sum), iter(chunks)))
+
+
+def test_workers_of_this_machine_have_its_processor():
+    scheduler = ChunkScheduler(processes(1))
+    scheduler.setProcessors([processorDescription()])
+    assert len(list(scheduler.run(Work(sum), iter([Chunk(0, 1, [1])])))) == 1
+    assert scheduler.getProcessors() == [processorDescription()]
+    scheduler.close()
+
+
+def test_workers_that_the_scheduler_has_not_heard_of_get_no_work():
+    class Client:
+        def scheduler_info(self, n_workers=5):
+            assert n_workers == -1
+            return {"workers": {"tcp://a": {"last_seen": 100.0}, "tcp://b": {"last_seen": 60.0}}}
+
+        def nthreads(self):
+            return {"tcp://a": 1, "tcp://b": 1}
+
+    executor = InThisProcess()
+    executor._client = Client()
+    silent = chunk_scheduler._silent_workers(executor)
+    assert silent == {"tcp://b"}
+    preferred = chunk_scheduler._preferred_workers(executor, Chunk(0, 1, None), silent)
+    assert preferred == {"workers": ["tcp://a"], "allow_other_workers": True}
+    assert chunk_scheduler._workers_in_words(executor, silent) == "worker tcp://b, which is silent"
+    assert chunk_scheduler._preferred_workers(executor, Chunk(0, 1, None), set()) == {}

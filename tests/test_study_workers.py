@@ -2,11 +2,14 @@
 
 import json
 import logging
+import os
+import signal
 
 import pytest
 from small_cases import MASS_AND_RATE, ROLLING, SMALL
 
 from satsep_ot import cli
+from satsep_ot.methods.parallel.scheduler import ChunkScheduler
 
 CASE = SMALL + MASS_AND_RATE + ROLLING
 
@@ -83,3 +86,41 @@ def test_bad_options(arguments, tmp_path, capsys):
     with pytest.raises(SystemExit) as caught:
         study(tmp_path, "never", *arguments)
     assert caught.value.code == 2
+
+
+@pytest.mark.slow
+def test_a_stopped_worker_does_not_change_a_number(tmp_path, capsys, monkeypatch):
+    """Every process of the first pool is stopped as soon as it is there."""
+    pools = []
+    limit = ChunkScheduler.setMeasuredTimeout
+    monkeypatch.setattr(ChunkScheduler, "setMeasuredTimeout", lambda scheduler: limit(scheduler, 20.0, 2.0))
+    make = ChunkScheduler.getExecutor
+
+    def stopping(scheduler):
+        pool = make(scheduler)
+        if pool not in pools:
+            pools.append(pool)
+            if len(pools) == 1:
+                pool.submit(abs, -1), pool.submit(abs, -1)
+                for process in pool._processes.values():
+                    os.kill(process.pid, signal.SIGSTOP)
+        return pool
+
+    assert study(tmp_path, "alone") == 0
+    monkeypatch.setattr(ChunkScheduler, "getExecutor", stopping)
+    assert study(tmp_path, "two", "--workers", "2") == 0
+    assert len(pools) >= 2
+    assert numbers(tmp_path, "two") == numbers(tmp_path, "alone")
+
+
+def test_workers_of_another_kind_are_refused_or_stated_in_the_report(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("satsep_ot.studies.sample.processorDescription", lambda: "Zen, numpy 0")
+    assert study(tmp_path, "refused", "--workers", "1") == 2
+    said = capsys.readouterr().err
+    assert "where Zen, numpy 0 is used" in said
+    assert "study --mixed-processors" in said
+    assert study(tmp_path, "accepted", "--workers", "1", "--mixed-processors") == 0
+    page = (tmp_path / "accepted" / "report.html").read_text(encoding="utf-8")
+    assert "made by processors or versions of 2 kinds" in page
+    origin = json.loads((tmp_path / "accepted" / "origin.json").read_text(encoding="utf-8"))
+    assert "numpy" in origin["about"]["processor"]

@@ -91,7 +91,8 @@ def add_worker_options(parser: argparse.ArgumentParser, what: str) -> None:
     group.add_argument("--workers", type=_workers, metavar="N", help=f"{what}; the numbers are the same")
     group.add_argument(
         "--dask", metavar="ADDRESS",
-        help="the same on the Dask cluster of the scheduler at ADDRESS, such as tcp://192.168.0.1:8786",
+        help="the same on the Dask cluster of the scheduler at ADDRESS, such as tcp://192.168.0.1:8786, whose workers "
+        "need the processor and the versions of this machine",
     )  # fmt: skip
 
 

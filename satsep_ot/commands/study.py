@@ -41,6 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser, "make the Monte Carlo sample in N processes of this machine (default: threads of one)"
     )
     parser.add_argument(
+        "--mixed-processors", action="store_true",
+        help="accept workers with other processors or versions: the last digits may differ, which the report says",
+    )  # fmt: skip
+    parser.add_argument(
         "--tolerances", type=types.count, default=2, metavar="N",
         help="for each requirement, halve the scatter of the N strongest tolerances to see what that buys (default: 2)",
     )  # fmt: skip
@@ -82,7 +86,7 @@ def run(options: argparse.Namespace) -> int | None:
         targetCoefficientOfVariation=options.precision,
     )
     with types.executor(options) as executor:
-        study.setExecutor(executor)
+        study.setExecutor(executor, options.mixed_processors)
         # A directory that cannot be written to is refused before the work, not after it.
         study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
         for path in study.getChangedFiles():

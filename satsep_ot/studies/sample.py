@@ -15,6 +15,7 @@ from satsep_ot.dynamics.kernels.deck import PENETRATION_LIMIT
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.storage import syncDirectory
 from satsep_ot.methods.parallel.monte_carlo_stream import MonteCarloStream
+from satsep_ot.methods.parallel.processor import processorDescription
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import NEVER_FREE, SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
@@ -65,6 +66,8 @@ class SampleSummary:
         By requirement.
     inputs, outputs : tuple of str
         Their names with units.
+    processors : tuple of str
+        Of this process and of the workers that made the runs, with versions.
     sunk : int
         Runs in which the satellite sinks into the deck or, with contact, does not come free: they violate every
         requirement.
@@ -85,6 +88,7 @@ class SampleSummary:
     outputs: tuple[str, ...]
     sunk: int = 0
     touched: float | None = None
+    processors: tuple[str, ...] = ()
 
     @staticmethod
     def from_plain(data: dict[str, Any]) -> "SampleSummary":
@@ -107,6 +111,7 @@ def run_sample(
     checkpoint: Path | None = None,
     executor: Executor | Callable[[], Executor] | None = None,
     progress: Callable[[str, float], None] = lambda label, share: None,
+    mixed: bool = False,
 ) -> SampleSummary:
     """Make the Monte Carlo runs of a study.
 
@@ -125,6 +130,8 @@ def run_sample(
         As for :meth:`satsep_ot.methods.parallel.monte_carlo_stream.MonteCarloStream.setExecutor`.
     progress : callable
         Called with what is being done and the share of it that is done.
+    mixed : bool
+        Whether workers may differ from this process in processor and versions.
 
     Returns
     -------
@@ -148,6 +155,10 @@ def run_sample(
     )
     stream.setBlockSize(BLOCK)
     stream.setExecutor(executor)
+    scheduler = stream.getScheduler()
+    scheduler.setMeasuredTimeout()
+    scheduler.setProcessors([processorDescription()])
+    scheduler.setMixedProcessorsAllowed(mixed)
     if size <= LARGEST_FILE:
         stream.setOutputFile(path)
     if checkpoint is not None:
@@ -184,6 +195,7 @@ def run_sample(
         },
         inputs=tuple(model.getInputDescription()),
         outputs=tuple(model.getOutputDescription()),
+        processors=tuple(scheduler.getProcessors()),
     )
 
 

@@ -27,6 +27,7 @@ from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
 from satsep_ot.methods.comparison.comparison import ReliabilityComparison
 from satsep_ot.methods.comparison.method import ReliabilityMethod
 from satsep_ot.methods.comparison.methods import METHODS
+from satsep_ot.methods.parallel.processor import processorDescription
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.model.case import SYSTEM
@@ -156,6 +157,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._progress: Callable[[str, float], None] = _reportNothing
         self._directory: ResultsDirectory | None = None
         self._executor: Executor | Callable[[], Executor] | None = None
+        self._mixedProcessors = False
         self._sample: np.ndarray | None = None
         self._summary: SampleSummary | None = None
         self._components: dict[str, Component] = {}
@@ -231,7 +233,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             before.close()
         self._directory = ResultsDirectory(
             directory, "study", identity, _WRITTEN, {"case.toml": case.text, **case.files}, resume, overwrite,
-            {"case": case.name, "command": command},
+            {"case": case.name, "command": command, "processor": processorDescription()},
         )  # fmt: skip
         if before is not None:
             before.close()
@@ -247,13 +249,15 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """
         return [] if self._directory is None else list(self._directory.changed)
 
-    def setExecutor(self, executor: Executor | Callable[[], Executor] | None) -> None:
+    def setExecutor(self, executor: Executor | Callable[[], Executor] | None, mixedProcessors: bool = False) -> None:
         """What runs the Monte Carlo sample, as for
         :class:`satsep_ot.methods.parallel.monte_carlo_stream.MonteCarloStream`.
 
-        The numbers do not depend on it. None (default) for the simulator's own threads.
+        The numbers do not depend on it, as long as the workers have the processor and the versions of this process;
+        where they have not, a :class:`satsep_ot.methods.parallel.processor.MixedProcessorsError` ends the run, unless
+        `mixedProcessors` accepts that: the report then says so. None (default) for the simulator's own threads.
         """
-        self._executor = executor
+        self._executor, self._mixedProcessors = executor, bool(mixedProcessors)
 
     def close(self) -> None:
         """Let other processes use the directory."""
@@ -334,6 +338,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             checkpoint,
             self._executor,
             lambda label, share: self._progress(label, share * _SUBSPACES_BEGIN),
+            self._mixedProcessors,
         )
         if self._directory is not None and path.exists():
             self._directory.record(path)
@@ -593,6 +598,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             diagnostics={name: Diagnostics.of(result) for name, result in self._results.items()},
             correlated=case.copula is not None,
             assumptions=tuple(assumptions(case)),
+            processors=() if self._summary is None else self._summary.processors,
             sunk=None if self._summary is None else self._summary.sunk,
             touched=None if self._summary is None else self._summary.touched,
         )

@@ -103,6 +103,8 @@ class ReliabilityBenchmark(OpenTURNSObject):
         suit best; the threads of a process take turns, since they share OpenTURNS' random generator.
         """
         self._scheduler = ChunkScheduler(executor)
+        # Repetitions of some methods take many times as long as the median one.
+        self._scheduler.setMeasuredTimeout(factor=1000.0, least=3600.0)
 
     def getScheduler(self) -> ChunkScheduler:
         """The :class:`~satsep_ot.methods.parallel.scheduler.ChunkScheduler`, for time limit and attempts."""

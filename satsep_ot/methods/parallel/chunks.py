@@ -126,6 +126,11 @@ class Chunk:
     name: str = ""
     failures: list[tuple[str, str]] = dataclasses.field(default_factory=list)
 
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return self.name or f"rows {self.first} to {self.end - 1}"
+
     def error(self, reason: str, worker: str = "") -> ChunkError:
         """The error after one more attempt that ended so."""
         return ChunkError(self.first, self.end, [*self.failures, (worker, reason)], self.name)

@@ -6,9 +6,12 @@ pebble's pool of processes has time limits and names the task that killed its pr
 limits.
 """
 
+import contextlib
 import dataclasses
+import logging
 import math
 import os
+import statistics
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -17,6 +20,7 @@ from typing import Any
 
 from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.parallel.chunks import Chunk, ChunkError, Work
+from satsep_ot.methods.parallel.processor import MixedProcessorsError
 from satsep_ot.methods.parallel.worker import work_in_process, work_in_thread
 
 # Between two looks at the clocks of chunks [s].
@@ -29,6 +33,16 @@ _GRACE = 60.0
 # Of an executor that does not say what runs (Dask, which also starts a chunk anew whose worker died), the clock is when
 # a chunk of the run was last finished.
 _SILENT_FACTOR, _SILENT_GRACE = 8.0, 60.0
+# A worker of a cluster that has not been heard of for so long, where others have, gets no work [s].
+_SILENCE = 30.0
+# Without any progress for so long it is said what is waited for [s].
+_QUIET = 30.0
+# Before the first chunk is finished, a measured time limit is so many times its least [-].
+_UNMEASURED = 10.0
+# For processes to end by themselves [s].
+_ENDING = 5.0
+
+_log = logging.getLogger("satsep_ot")
 
 
 class ChunkScheduler:
@@ -68,6 +82,9 @@ class ChunkScheduler:
         self._factory = executor if not isinstance(executor, Executor) else None
         self._executor = executor if isinstance(executor, Executor) else None
         self._timeout: float | None = None
+        self._measured: tuple[float, float] | None = None
+        self._mixed = False
+        self._processors: set[str] = set()
         self._maximumAttempts = 3
         self._clusterTimeLimit = 300.0
 
@@ -90,6 +107,28 @@ class ChunkScheduler:
         if timeout is not None and not 0.0 < timeout < threading.TIMEOUT_MAX:
             raise ValueError(f"the timeout is {timeout} s; it must be positive, or None")
         self._timeout = timeout
+
+    def setMeasuredTimeout(self, factor: float = 20.0, least: float = 60.0) -> None:
+        """Let a chunk take so many times the median time of those that are finished, and `least` seconds at least.
+
+        Where nothing is finished yet it is ten times `least`. A worker that is stopped is found by this without a time
+        that somebody must know beforehand. `setTimeout` goes before it.
+        """
+        if not (factor >= 1.0 and 0.0 < least < threading.TIMEOUT_MAX):
+            raise ValueError(f"factor = {factor}, least = {least} s; they must be at least 1, and positive")
+        self._measured = float(factor), float(least)
+
+    def setMixedProcessorsAllowed(self, allowed: bool) -> None:
+        """Whether workers may differ in processor and versions (default: no), and so in the last bits of numbers."""
+        self._mixed = bool(allowed)
+
+    def getProcessors(self) -> list[str]:
+        """Processors and versions of the workers that have answered so far, one line each."""
+        return sorted(self._processors)
+
+    def setProcessors(self, processors: Iterable[str]) -> None:
+        """What workers must have to be no mixture: such as those of this process, or of runs that are there already."""
+        self._processors = set(processors)
 
     def setMaximumAttempts(self, number: int) -> None:
         """How often a chunk is tried before the run ends with an error (default 3)."""
@@ -116,8 +155,14 @@ class ChunkScheduler:
     def close(self) -> None:
         """End the executor, if it was made here; the next run makes another."""
         if self._factory is not None and self._executor is not None:
-            self._executor.shutdown(wait=True)
-            self._executor = None
+            ending, self._executor = self._executor, None
+            processes, kill = list((getattr(ending, "_processes", None) or {}).values()), _killer(ending)
+            ending.shutdown(wait=not processes)
+            limit = time.monotonic() + _ENDING
+            for process in processes:
+                # One that is stopped does not end by itself.
+                process.join(max(limit - time.monotonic(), 0.0))
+            kill()
 
     def run(
         self,
@@ -152,7 +197,12 @@ class ChunkScheduler:
                 yield chunk, result
         else:
             settings = _Settings(
-                self._timeout, self._maximumAttempts, self._clusterTimeLimit, self._factory is not None
+                self._timeout,
+                self._measured,
+                self._maximumAttempts,
+                self._clusterTimeLimit,
+                self._factory is not None,
+                self._mixed,
             )
             yield from _Run(self, settings, work, check, inOrder).results(iter(chunks))
 
@@ -176,9 +226,11 @@ class _Settings:
     """What a run on an executor takes from its scheduler."""
 
     timeout: float | None
+    measured: tuple[float, float] | None
     maximumAttempts: int
     clusterTimeLimit: float
     replaceable: bool
+    mixed: bool
 
 
 @dataclasses.dataclass(eq=False)
@@ -206,6 +258,9 @@ class _Run:
         # When a chunk was last finished, and since when the cluster has had no worker.
         self._progress = time.monotonic()
         self._deserted: float | None = None
+        self._durations: list[float] = []
+        self._silent: set[str] = set()
+        self._said = 0.0
 
     def results(self, chunks):
         waiting, finished = {}, {}
@@ -224,6 +279,7 @@ class _Run:
                 self._startRetries()
                 if not waiting:
                     return
+                self._sayWhatIsWaitedFor()
                 for chunk, result in self._finished():
                     finished[waiting.pop(chunk)] = chunk, result
                 while finished and (shown in finished or not self._inOrder):
@@ -250,6 +306,7 @@ class _Run:
         pending = [attempt.chunk for attempt in self._attempts] + [chunk for chunk, _ in self._retries]
         try:
             self._counted, self._workers = now, self._scheduler.getWorkerNumber()
+            self._silent = _silent_workers(self._scheduler.getExecutor())
         except Exception as error:
             if not pending:
                 raise
@@ -287,7 +344,7 @@ class _Run:
             else:
                 call = (work_in_process, self._work.payload, chunk.argument, self._settings.timeout, os.getpid())
             try:
-                future = executor.submit(*call, **_preferred_workers(executor, chunk))
+                future = executor.submit(*call, **_preferred_workers(executor, chunk, self._silent))
             except Exception as error:
                 # A pool is found to be broken, or shut down, here where no chunk of ours was with it.
                 problem = error
@@ -308,6 +365,7 @@ class _Run:
                 answer = self._answer(attempt)
                 if answer is None:
                     continue
+                self._checkProcessor(answer.processor, attempt.executor)
                 if answer.reason is not None:
                     cause = RuntimeError(f"on the worker:\n{answer.traceback}")
                     self._failed(attempt, answer.reason, answer.worker, cause=cause)
@@ -317,12 +375,42 @@ class _Run:
                     self._failed(attempt, reason, answer.worker)
                     continue
                 self._progress = time.monotonic()
+                self._durations.append(self._progress - (attempt.started or attempt.submitted))
                 yield attempt.chunk, answer.result
             elif self._isLate(attempt):
                 self._attempts.remove(attempt)
                 attempt.future.cancel()
                 self._scheduler.discard(attempt.executor)
-                self._failed(attempt, f"it gave no answer within {self._settings.timeout:g} s", broken=True)
+                limit = self._settings.timeout or self._measuredLimit()
+                _log.warning("%s gave no answer within %.3g s and is tried elsewhere", attempt.chunk.label, limit)
+                self._failed(attempt, f"it gave no answer within {limit:.3g} s", broken=True)
+
+    def _checkProcessor(self, processor, executor):
+        """Refuse a worker that may compute other last bits than those before; threads are of this process."""
+        known = self._scheduler._processors
+        if isinstance(executor, ThreadPoolExecutor) or processor in known:
+            return
+        if known and not self._settings.mixed:
+            raise MixedProcessorsError(min(known), processor)
+        known.add(processor)
+
+    def _measuredLimit(self):
+        """Of the time of a chunk [s], from those that are finished."""
+        factor, least = self._settings.measured
+        if not self._durations:
+            return _UNMEASURED * least
+        return max(least, factor * statistics.median(self._durations))
+
+    def _sayWhatIsWaitedFor(self):
+        """After some time without any progress, and again each time that this has doubled."""
+        quiet = time.monotonic() - self._progress
+        if quiet < _QUIET:
+            self._said = 0.0
+        elif self._attempts and quiet >= max(2.0 * self._said, _QUIET):
+            self._said = quiet
+            since = time.strftime("%H:%M:%S", time.localtime(time.time() - quiet))
+            who = _workers_in_words(self._attempts[0].executor, self._silent)
+            _log.warning("waiting for %s since %s: %s", who, since, self._attempts[0].chunk.label)
 
     def _answer(self, attempt):
         """What the worker answered; None where it died, after which the chunk is put back or ends the run."""
@@ -341,11 +429,15 @@ class _Run:
 
     def _isLate(self, attempt):
         timeout = self._settings.timeout
-        if timeout is None:
-            return False
         now = time.monotonic()
         if attempt.started is None and attempt.future.running():
             attempt.started = now
+        if timeout is None:
+            if self._settings.measured is None or isinstance(attempt.executor, ThreadPoolExecutor):
+                return False
+            # A chunk in a queue has time for those before it.
+            since = max(self._progress, attempt.submitted) if attempt.started is None else attempt.started
+            return self._workers > 0 and now - since > self._measuredLimit()
         if attempt.started is None:
             # It waits in a queue, or it runs and the executor does not say so: another chunk that ends shows progress.
             quiet = now - max(self._progress, attempt.submitted)
@@ -366,13 +458,47 @@ class _Run:
         self._retries.append((chunk, broken and left == 1))
 
 
-def _preferred_workers(executor, chunk):
-    """What asks a cluster for a worker that has not failed at the chunk.
+def _silent_workers(executor):
+    """Addresses of the workers of a cluster that have not been heard of for some time, while others have."""
+    client = getattr(executor, "_client", None)
+    if client is None:
+        return set()
+    with contextlib.suppress(Exception):
+        # By default newer versions tell of some workers only.
+        try:
+            workers = client.scheduler_info(n_workers=-1)["workers"]
+        except TypeError:
+            workers = client.scheduler_info()["workers"]
+        # By the clock of the scheduler.
+        latest = max((worker["last_seen"] for worker in workers.values()), default=0.0)
+        return {address for address, worker in workers.items() if latest - worker["last_seen"] > _SILENCE}
+    return set()
+
+
+def _workers_in_words(executor, silent):
+    """Who may be the reason for a wait."""
+    if silent:
+        return f"worker {', '.join(sorted(silent))}, which is silent"
+    processes = list((getattr(executor, "_processes", None) or {}).values())
+    stopped = [str(process.pid) for process in processes if _is_stopped(process.pid)]
+    if stopped:
+        return f"worker process {', '.join(stopped)}, which is stopped"
+    return f"worker processes {', '.join(str(process.pid) for process in processes)}" if processes else "the workers"
+
+
+def _is_stopped(pid):
+    with contextlib.suppress(OSError), open(f"/proc/{pid}/stat", encoding="utf-8", errors="replace") as stream:
+        return stream.read().rpartition(")")[2].split()[0] in ("T", "t")
+    return False
+
+
+def _preferred_workers(executor, chunk, silent):
+    """What asks a cluster for a worker that has not failed at the chunk, and that answers.
 
     A worker that fails at once is the first one to be idle, and would get all that is tried again.
     """
-    failed = {worker for worker, _ in chunk.failures}
-    if not chunk.failures or not hasattr(executor, "_client") or isinstance(executor, ThreadPoolExecutor):
+    failed = {worker for worker, _ in chunk.failures} | silent
+    if not failed or not hasattr(executor, "_client") or isinstance(executor, ThreadPoolExecutor):
         return {}
     others = [address for address in executor._client.nthreads() if address not in failed]
     return {"workers": others, "allow_other_workers": True} if others else {}
@@ -398,7 +524,22 @@ def workerNumber(executor: Executor) -> int:
 
 def endExecutor(executor: Executor) -> None:
     """Shut an executor down without waiting for its work: its processes are killed; threads go on."""
+    _killer(executor)()
+
+
+def _killer(executor):
+    """What kills the processes of an executor, which does not know them any more once it is shut down."""
     processes = list((getattr(executor, "_processes", None) or {}).values())
-    for process in processes:
-        process.kill()
-    executor.shutdown(wait=bool(processes), cancel_futures=True)
+    queue = getattr(executor, "_call_queue", None)
+
+    def kill():
+        for process in processes:
+            process.kill()
+        with contextlib.suppress(AttributeError, OSError):
+            # The thread that fills the pipe of a pool waits for ever where nobody reads it any more.
+            queue._reader.close()
+        executor.shutdown(wait=bool(processes), cancel_futures=True)
+        for process in processes:
+            process.join()
+
+    return kill

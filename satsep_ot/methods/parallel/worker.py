@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from satsep_ot.methods.parallel.processor import processorDescription
 from satsep_ot.openturns_adapter import errorMessage
 
 
@@ -28,12 +29,15 @@ class Answer:
     reason : str or None
         Why there is no result.
     traceback : str
+    processor : str
+        See :func:`~satsep_ot.methods.parallel.processor.processorDescription`.
     """
 
     worker: str
     result: Any = None
     reason: str | None = None
     traceback: str = ""
+    processor: str = dataclasses.field(default_factory=processorDescription)
 
     @staticmethod
     def of(worker: str, compute: Callable[[], Any]) -> "Answer":

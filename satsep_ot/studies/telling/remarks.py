@@ -166,6 +166,11 @@ def limits(result: StudyResult) -> list[str]:
             "into the deck, which holds nothing back in this case. What the bodies would do then is not known: each of "
             "these runs counts as a violation of every requirement."
         )
+    if len(result.processors) > 1:
+        sentences.append(
+            f"The Monte Carlo sample was made by processors or versions of {len(result.processors)} kinds, which round "
+            f"differently: its last digits are those of none of them alone ({'; '.join(result.processors)})."
+        )
     sentences += unseen_regions(result)
     if StudyMethod.ACTIVE_SUBSPACE in methods:
         sentences.append(

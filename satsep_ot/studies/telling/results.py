@@ -366,6 +366,8 @@ class StudyResult:
     assumptions : tuple of str
         What the numbers rest on, a sentence each.
     figures : tuple of FigureFile
+    processors : tuple of str
+        Of the machines that made the Monte Carlo sample, with versions.
     sunk : int or None
         Runs of the sample in which the satellite sinks into the deck or, with contact, does not come free: they violate
         every requirement. None where there is no sample.
@@ -396,6 +398,7 @@ class StudyResult:
     driver_measures: dict[str, DriverMeasure] = dataclasses.field(default_factory=dict)
     sunk: int | None = None
     touched: float | None = None
+    processors: tuple[str, ...] = ()
 
     def rows_of(self, requirement: str) -> tuple[Estimate, ...]:
         """The estimates of one requirement, or of "any requirement"."""
