@@ -133,9 +133,10 @@ def test_the_motion_in_words(capsys):
         assert words in out
 
 
-def test_a_flight_that_is_cut_short_is_no_success():
-    """A thousand seconds under gravity need more steps than a run has; its numbers are missing, not silently so."""
+def test_a_flight_that_is_cut_short_is_no_success(monkeypatch):
+    """Were there no steps for times asked for, its numbers would be missing, not silently so."""
+    monkeypatch.setattr("satsep_ot.dynamics.simulation.STEPS_PER_SECOND", 0)
     document = run_document(load_case("reference"), [1000.0])
     assert document["at"] == [None]
     assert document["status"] == "TOO_MANY_STEPS"
-    assert document["message"].startswith("the flight until 1000 s: the motion needed more steps than are allowed")
+    assert document["message"].startswith("the flight until 1000 s: all steps that a run may take were used up")

@@ -130,6 +130,7 @@ def test_whole_results_are_kept_too(directory, results):
 def test_the_directory_says_what_it_is(directory, results):
     origin = json.loads((directory / "origin.json").read_text(encoding="utf-8"))
     assert origin["kind"] == "study"
+    assert "numpy" in origin["about"].pop("processor")
     assert origin["about"] == {"case": "small", "command": "satsep-ot study small.toml"}
     assert origin["identity"]["seed"] == results["seed"] == 3
     assert origin["identity"]["versions"].items() <= results["versions"].items()

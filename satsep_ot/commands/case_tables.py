@@ -9,11 +9,11 @@ from rich.table import Table
 
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Separation, Status
-from satsep_ot.dynamics.springs import ForceLaw
+from satsep_ot.dynamics.springs import ForceLaw, Interpolation
 from satsep_ot.model.case import Case
 from satsep_ot.model.check_document import CheckedCase
 from satsep_ot.model.distributions import interval_digits, quantile_range
-from satsep_ot.model.hand_formulas import push_energy, push_velocity
+from satsep_ot.model.hand_formulas import push_energy, push_velocity, table_energies
 from satsep_ot.model.inputs import umbilical_springs
 from satsep_ot.model.parameters import (
     BODIES,
@@ -34,6 +34,7 @@ from satsep_ot.studies.telling.tables import escape, make_table, narrow
 # A smaller number is a rounding error to people, who read 0; JSON has all digits.
 _ROUNDING_ERROR = 1e-9
 _NOT_KNOWN = "–"
+_INTERPOLATIONS = {Interpolation.MONOTONE: "monotone cubics", Interpolation.LINES: "straight lines (trapezoids)"}
 
 
 def print_case(console: Console, checked: CheckedCase, given: str) -> None:
@@ -152,6 +153,11 @@ def _conditions(separation: Separation) -> Iterator[str]:
     """What else acts on the bodies, a line each."""
     energy, velocity = push_energy(separation), push_velocity(separation)
     yield f"Spring energy {energy:.6g} J, enough for {velocity:.6g} m/s"
+    energies = table_energies(separation)
+    if energies:
+        by = ", ".join(f"{value:.6g} J by {_INTERPOLATIONS[kind]}" for kind, value in energies.items())
+        used = _INTERPOLATIONS[separation.springs.interpolation]
+        yield f"Tables: {by}; {used} are used between the rows"
     for table, row in parameter_rows():
         # What is not here stands in the tables of bodies and springs, or is 0.
         if row.is_of_separation and nominal_values(row, separation).any():

@@ -142,11 +142,11 @@ def spring_work(separation: Separation, start: ArrayLike, end: ArrayLike) -> np.
     """
     springs, start, end = separation.springs, np.asarray(start, dtype=float), np.asarray(end, dtype=float)
     nodes, weights = legendre.leggauss(_NODES)
-    force = force_functions(springs)
+    force, pieces = force_functions(springs), springs.force_pieces()
     work = np.zeros(len(springs))
     for i in np.flatnonzero(springs.scale > 0.0):
         low, high = sorted((start[i], end[i]))
-        knots = np.empty(0) if springs.tables[i] is None else springs.tables[i][:, 0]
+        knots = pieces[i][0]
         for a, b in pairwise([low, *knots[(low < knots) & (knots < high)], high]):
             forces = force[i](0.5 * (a + b + (b - a) * nodes))
             work[i] += np.sign(end[i] - start[i]) * 0.5 * (b - a) * (weights @ forces)

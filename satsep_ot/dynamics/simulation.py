@@ -56,10 +56,23 @@ SWEEP_CHUNK = 64  # runs whose tapes are kept for their sweeps; the result of a 
 # What the coast after the release starts from.
 COAST_FIELDS = [*(field for field in STATE_FIELDS if field.startswith(("d_", "w_", "q_1_"))), "time"]
 DECK_COLUMN = STATE_SIZE + 2  # of the base
+KNOT_STEPS = 3  # for each row of a table: one to its knot, and what is left of the step that it cuts
+KINK_STEPS = 300  # for each spring whose guide has friction, which is kinked at zero tilt: 250 of them at 1e-13
+STEPS_PER_SECOND = 100  # for times asked for: a coast of 1000 s by the tolerance 1e-13 at 60 deg/s takes half of them
 RUN_CHUNK = 1024  # runs between two looks at the keyboard, some 20 ms
 
 
-def _buffers(separation, slots):
+def _most_steps(separation, stops):
+    """How many steps a run may take: beside a fixed number some for each knot of a table and each second asked for."""
+    if separation.has_contact():
+        return MAXIMUM_CONTACT_STEPS
+    knots = sum(len(starts) for starts, _ in separation.springs.force_pieces())
+    kinks = KINK_STEPS * len(separation.springs) if separation.force_line.loads_guide else 0
+    seconds = stops[-1] if len(stops) else 0.0
+    return MAXIMUM_STEPS + KNOT_STEPS * knots + kinks + int(STEPS_PER_SECOND * seconds)
+
+
+def _buffers(separation, slots, steps):
     """The memory of some runs, which holds what all runs of the separation share."""
     points, planes = separation.recess_points(), separation.recess_planes
     spring_number, point_number, plane_number = len(separation.springs), len(points), len(planes)
@@ -70,9 +83,7 @@ def _buffers(separation, slots):
         cubics=cubics,
         points=np.zeros((slots, point_number), records.POINT),
         planes=np.zeros((slots, plane_number), records.PLANE),
-        tapes=np.zeros(
-            (slots, 1 + (MAXIMUM_CONTACT_STEPS if separation.has_contact() else MAXIMUM_STEPS)), records.TAPE
-        ),
+        tapes=np.zeros((slots, steps + 1), records.TAPE),
         steps=np.zeros(1, records.STEP),
         progress=np.zeros(1, records.PROGRESS),
         limits=separation.parameter_limits,
@@ -211,6 +222,10 @@ class Outcome:
             return self._penetration(row)
         if self.status[row] == Status.INVALID_PARAMETERS:
             return invalid_parameter(self.separation, self.parameters[row]) or Status.INVALID_PARAMETERS.sentence
+        if self.status[row] == Status.TOO_MANY_STEPS:
+            released = np.count_nonzero(np.isfinite(self.release_times[row]))
+            reached = f"{released} of {np.count_nonzero(self.separation.springs.scale)} springs were released by then"
+            return f"{Status.TOO_MANY_STEPS.sentence} ({self.steps[row]:,} steps; {reached})"
         return Status(self.status[row]).sentence
 
     def _penetration(self, row):
@@ -362,6 +377,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
     states, notices = np.zeros((n, len(stops)), STATE), np.zeros(n, records.NOTICE)
     gradients = np.full((n, len(outputs), rows.shape[1]), np.nan)
     sweeping = len(outputs) > 0
+    most_steps = _most_steps(separation, stops)
 
     spare: list[Buffers] = []  # the memory of threads between two pieces
     touching = separation.has_contact()
@@ -388,7 +404,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
         try:
             buffers = spare.pop()
         except IndexError:
-            buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1)
+            buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1, most_steps)
         runs = (
             first, end, int(sweeping), rows, *common, buffers, results, exit_clearances, release_times, status, steps,
             last, states, notices,

@@ -4,14 +4,15 @@ Force laws are rows of `satsep_ot.dynamics.kernels.force_laws`, force lines of `
 """
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PchipInterpolator
 
+from satsep_ot.dynamics.force_interpolation import Interpolation as Interpolation
+from satsep_ot.dynamics.force_interpolation import force_pieces
 from satsep_ot.dynamics.kernels.force_laws import ForceLaw as ForceLaw
 from satsep_ot.dynamics.kernels.force_laws import Law as Law
 from satsep_ot.dynamics.kernels.force_lines import ForceLine as ForceLine
@@ -37,6 +38,7 @@ class Springs:
     scale : factor of the force, 1 by default; 0 is a spring that has failed: it is absent. The force [N] of a FRICTION.
     tables : for each spring None or a measured force-stroke table, shape (K, 2): stroke [m], from 0, and force [N].
     laws : the `ForceLaw` of each spring; by default TABLE where there is a table and LINEAR elsewhere.
+    interpolation : how the force is interpolated between the rows of the tables, MONOTONE by default.
 
     Raises
     ------
@@ -61,6 +63,7 @@ class Springs:
     # None stands for the default while they are checked; afterwards they are there.
     tables: tuple = None  # type: ignore[assignment]
     laws: Array = None
+    interpolation: Interpolation = Interpolation.MONOTONE
 
     def __post_init__(self):
         count = np.size(self.angle)
@@ -90,6 +93,7 @@ class Springs:
             )
         object.__setattr__(self, "tables", tables)
         object.__setattr__(self, "laws", laws)
+        object.__setattr__(self, "_pieces", self._make_pieces())
 
     def __len__(self) -> int:
         return self.angle.size
@@ -127,11 +131,26 @@ class Springs:
             object.__setattr__(changed, name, column.copy())
         return changed
 
+    def force_pieces(self) -> tuple[tuple[np.ndarray, np.ndarray], ...]:
+        """For each spring the cubics of its table, none without one; see `satsep_ot.dynamics.force_interpolation`.
+
+        They follow from the stroke that the springs were made with: `with_parameters` leaves them as they are.
+        """
+        # Springs that version 0.1.0 saved do not have them.
+        return self._pieces if hasattr(self, "_pieces") else self._make_pieces()
+
+    def _make_pieces(self):
+        none = np.empty(0), np.empty((0, 4))
+        return tuple(
+            none if table is None else force_pieces(table, stroke, self.interpolation)
+            for table, stroke in zip(self.tables, self.stroke, strict=True)
+        )
+
     def joined(self, other: "Springs") -> "Springs":
         """These springs and then those of `other`."""
         names = (*parameter_fields(Springs), "laws")
         values = {name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names}
-        return Springs(**values, tables=self.tables + other.tables)
+        return Springs(**values, tables=self.tables + other.tables, interpolation=self.interpolation)
 
 
 def _checked_table(i, table, stroke):
@@ -217,29 +236,26 @@ def umbilical(
     )
 
 
-def table_cubics(tables: Sequence[np.ndarray | None]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Force-stroke tables as piecewise cubics for the kernels.
+def table_cubics(springs: Springs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The force-stroke tables of springs as piecewise cubics for the kernels.
 
     Parameters
     ----------
-    tables : sequence of (ndarray of shape (K, 2) or None)
-        Rows of stroke [m] and force [N] for each spring, strokes strictly ascending.
+    springs : Springs
 
     Returns
     -------
     cubics : ndarray of records CUBIC
-        One table after the other: the monotone interpolation of Fritsch and Carlson.
+        One table after the other; see `satsep_ot.dynamics.force_interpolation`.
     first, number : ndarray of int, shape (N,)
         Where the cubics of each spring start, and how many they are.
     """
-    number = np.array([0 if table is None else len(table) - 1 for table in tables])
+    pieces = springs.force_pieces()
+    number = np.array([len(starts) for starts, _ in pieces])
     first = np.concatenate([[0], np.cumsum(number)[:-1]]).astype(np.int64)
     cubics = np.zeros(int(number.sum()), CUBIC)
-    for start, count, table in zip(first, number, tables, strict=True):
-        if table is not None:
-            pieces = PchipInterpolator(*table.T)
-            cubics["start"][start : start + count] = pieces.x[:-1]
-            cubics["coefficients"][start : start + count] = pieces.c[::-1].T
+    cubics["start"] = np.concatenate([starts for starts, _ in pieces])
+    cubics["coefficients"] = np.concatenate([coefficients for _, coefficients in pieces])
     return cubics, first, number
 
 
@@ -257,10 +273,11 @@ def spring_records(springs: Springs) -> tuple[np.ndarray, np.ndarray]:
         Of all tables.
     """
     result = np.zeros(len(springs), SPRING)
-    cubics, result["first_cubic"], result["cubic_number"] = table_cubics(springs.tables)
+    cubics, result["first_cubic"], result["cubic_number"] = table_cubics(springs)
     for name in ("stiffness", "deformation", "scale"):
         result[name] = getattr(springs, name)
     result["law"] = springs.laws
+    result["cubic"] = -1
     for name in ("is_linear", "has_stiffness", "has_table", "holds_back"):
         result[name] = springs.law_property(name)
     return result, cubics

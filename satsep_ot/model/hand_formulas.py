@@ -1,11 +1,13 @@
 """What can be computed of a separation by hand, to hold a simulated run against."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from satsep_ot.dynamics.invariants import spring_work
 from satsep_ot.dynamics.separation import Separation
+from satsep_ot.dynamics.springs import Interpolation
 
 
 def push_energy(separation: Separation) -> float:
@@ -51,3 +53,30 @@ def push_velocity(separation: Separation) -> float:
     """
     inverse_mass = 1.0 / separation.platform.mass + 1.0 / separation.satellite.mass
     return math.sqrt(max(2.0 * push_energy(separation) * inverse_mass, 0.0))
+
+
+def table_energies(separation: Separation) -> dict[Interpolation, float]:
+    """`push_energy` by each interpolation of the force-stroke tables: straight lines give the trapezoidal rule.
+
+    Parameters
+    ----------
+    separation : :class:`satsep_ot.dynamics.separation.Separation`
+
+    Returns
+    -------
+    energies : dict of Interpolation to float
+        [J]; empty without a table.
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.hand_formulas import table_energies
+    >>> table_energies(load_case("reference").separation)
+    {}
+    """
+    springs = separation.springs
+    if all(table is None for table in springs.tables):
+        return {}
+    return {
+        kind: push_energy(replace(separation, springs=replace(springs, interpolation=kind))) for kind in Interpolation
+    }

@@ -17,7 +17,7 @@ from satsep_ot.dynamics.parameter_vector import Sign, parameter_fields
 from satsep_ot.dynamics.quantities import CONTACT_QUANTITIES, QUANTITIES
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
-from satsep_ot.dynamics.springs import ForceLine
+from satsep_ot.dynamics.springs import ForceLine, Interpolation
 from satsep_ot.model.rows import ABSENT, CaseTable, Row
 from satsep_ot.model.values import (
     CUBIC_KILOMETRE_PER_SQUARE_SECOND,
@@ -155,13 +155,16 @@ SPRINGS = CaseTable("springs", "The separation springs: one number for all of th
                 "length of the push; the spring lets go after the smaller of stroke and deformation",
                 scatters="stroke", usual=(1.0, 2e3)),
     # 0.02 deg are 0.03 mm in the length of a spring.
-    _per_spring("cant", DEGREE, "tangential tilt of the guide, towards increasing angle", 0.0, below=90.0,
-                scatters="tangential cant", smallest_scatter=0.02),
+    _per_spring("cant", DEGREE,
+                "tangential tilt of the guide, towards increasing angle; positive cant turns the satellite about -y",
+                0.0, below=90.0, scatters="tangential cant", smallest_scatter=0.02),
     _per_spring("delay", MILLISECOND, "time from the command to the spring's start", 0.0, scatters="release delay"),
     _per_spring("scale", ONE, "factor of the force; 0 is a spring that has failed", 1.0,
                 scatters="factor of the force"),
     Row("failed", SpringNumbers(), "numbers of the springs that have failed, from 1", ABSENT),
     Row("table", ForceTables(), "measured force-stroke table instead of stiffness and deformation", ABSENT),
+    Row("interpolation", Choice({kind.name.lower(): kind for kind in Interpolation}),
+        'between the rows of the tables: `"monotone"` cubics, or straight `"lines"`', "monotone"),
     Row("force_line", Choice({line.name.lower(): line for line in ForceLine}),
         "how each spring pushes: " + "; ".join(f'`"{line.name.lower()}"`, {line.push}' for line in ForceLine),
         "guided"),

@@ -12,10 +12,10 @@ from satsep_ot.dynamics.parameter_vector import TENSOR, Sign
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.dynamics.separation import Status, inertia_tensor, is_inertia
 from satsep_ot.dynamics.simulation import simulate
-from satsep_ot.dynamics.springs import force_functions
+from satsep_ot.dynamics.springs import Interpolation, force_functions
 from satsep_ot.model.case import Case, Requirement
 from satsep_ot.model.distributions import interval_digits, quantile_range
-from satsep_ot.model.hand_formulas import push_energy, push_velocity
+from satsep_ot.model.hand_formulas import push_energy, push_velocity, table_energies
 from satsep_ot.model.inputs import ParameterMap, joint_distribution
 from satsep_ot.model.parameters import BODIES, parameter_rows
 from satsep_ot.model.values import KILOGRAM, KILOGRAM_SQUARE_METRE, MILLIMETRE, NEWTON_PER_METRE
@@ -29,6 +29,7 @@ _KNOWN_RELATIVELY = (KILOGRAM, KILOGRAM_SQUARE_METRE, NEWTON_PER_METRE)  # units
 _USUAL_ENVELOPE = (5.0, 5e4)  # mm
 _SAMPLE_SIZE = 1024
 _CONTACT_SAMPLE_SIZE = 128  # of cases with contact, whose runs take longer
+_INTERPOLATION_SHARE = 0.1  # of the scatter of the velocity
 # Units in which a document may give what the case file wants in another: how many of ours one of them is. Only those
 # that are far enough from ours to be told from a generous limit.
 _OTHER_UNITS = {
@@ -103,6 +104,7 @@ def plausibility_warnings(case: Case) -> list[str]:
         *_orbit_warnings(case.separation),
         *_input_warnings(case),
         *_run_warnings(case),
+        *_interpolation_warnings(case),
         *_requirement_warnings(case),
         *_wall_warnings(case),
     ]
@@ -422,6 +424,24 @@ def _run_warnings(case):
         failed = (status == value) & ~explained
         if value != Status.OK and failed.any():
             yield f"runs: {_share(failed)} of the combinations of the inputs fail: {Status(int(value)).sentence}"
+
+
+def _interpolation_warnings(case):
+    """Tables with so few rows that the velocity depends on what is between them."""
+    energies = table_energies(case.separation)
+    if not energies or not case.inputs:
+        return
+    _, outcome = _scattered_runs(case)
+    scatter = float(np.nanstd(outcome.quantity("axial_velocity")))
+    energy, velocity = push_energy(case.separation), push_velocity(case.separation)
+    by_lines, by_cubics = energies[Interpolation.LINES], energies[Interpolation.MONOTONE]
+    change = 0.5 * velocity * abs(by_lines - by_cubics) / abs(energy) if energy else 0.0
+    if change > _INTERPOLATION_SHARE * scatter:
+        yield (
+            f"springs.table: straight lines between the rows give {by_lines:.6g} J and monotone cubics "
+            f"{by_cubics:.6g} J: the velocity differs by {change:.3g} m/s, where its scatter is {scatter:.3g} m/s; "
+            "measure more rows, or choose by springs.interpolation"
+        )
 
 
 def _broken_tensors(case, parameters):

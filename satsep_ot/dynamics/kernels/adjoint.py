@@ -36,6 +36,7 @@ from satsep_ot.dynamics.kernels.springs import (
     ON,
     clear_sums,
     collect_sums,
+    place_on_tables,
     stroke_adjoint,
     stroke_motion,
     switch,
@@ -64,12 +65,16 @@ def sweep_run(outputs, last, parameters, run, sweep, gradients):
                     chain.time[n] = 1.0
         # First what is reached from here within the step that starts here, then within the one that ends here: its
         # event lies between the two.
+        if run.cubics.shape[0] > 0:
+            place_on_tables(run.tape[index].state, run)
         branch_adjoint(outputs, index, index, run, sweep)
         if index > 0:
             step = index - 1
             event = run.tape[step].event
             if event != NOTHING:
                 switch_back(event, run.tape[step].spring, run, sweep)
+            if run.cubics.shape[0] > 0:
+                place_on_tables(run.tape[step].state, run)
             branch_adjoint(outputs, index, step, run, sweep)
             if event != NOTHING:
                 event_adjoint(index, event, run.tape[step].spring, run, sweep)

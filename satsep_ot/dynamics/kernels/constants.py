@@ -108,6 +108,7 @@ def set_springs(parameters, run):
         spring.deformation = given.deformation
         spring.delay = given.delay
         spring.scale = given.scale
+        spring.cubic = -1
         spring.release_stroke = given.stroke
         if given.radius > run.system.ring_radius:
             run.system.ring_radius = given.radius

@@ -4,8 +4,7 @@ A law takes the spring (a record), the cubics of all force-stroke tables and the
 and its derivatives with respect to s, to the spring's stiffness and to its deformation. The spring's scale multiplies
 all four.
 
-Source of the interpolation of tables: Fritsch and Carlson, "Monotone piecewise cubic interpolation", SIAM Journal on
-Numerical Analysis 17 (1980).
+The interpolation of tables is made in `satsep_ot.dynamics.springs`.
 """
 
 import enum
@@ -23,12 +22,23 @@ def linear_law(spring, cubics, s):
     return spring.stiffness * gap, -spring.stiffness, gap, spring.stiffness
 
 
+@inline
+def cubic_at(spring, cubics, s):
+    """The cubic of the table of a spring at a stroke: the first one also before its start."""
+    low = spring.first_cubic
+    high = spring.first_cubic + spring.cubic_number
+    while high - low > 1:
+        middle = (low + high) // 2
+        if s >= cubics[middle].start:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
 def table_law(spring, cubics, s):
-    """A measured force-stroke table, by its cubics; stiffness and deformation play no part."""
-    k = spring.first_cubic
-    last = k + spring.cubic_number - 1
-    while k < last and s >= cubics[k + 1].start:
-        k += 1
+    """A measured force-stroke table, by the cubic that holds; stiffness and deformation play no part."""
+    k = spring.cubic if spring.cubic >= 0 else cubic_at(spring, cubics, s)
     z = s - cubics[k].start
     a = cubics[k].coefficients
     return a[0] + z * (a[1] + z * (a[2] + z * a[3])), a[1] + z * (2.0 * a[2] + z * 3.0 * a[3]), 0.0, 0.0
@@ -82,10 +92,10 @@ def force(spring, cubics, s):
 @kernel
 def next_knot(spring, cubics, s):
     """The first stroke beyond s at which the table of a spring starts another cubic."""
-    for k in range(spring.first_cubic, spring.first_cubic + spring.cubic_number):
-        if cubics[k].start > s:
-            return cubics[k].start
-    return np.inf
+    k = cubic_at(spring, cubics, s)
+    if cubics[k].start > s:
+        return cubics[k].start
+    return cubics[k + 1].start if k + 1 < spring.first_cubic + spring.cubic_number else np.inf
 
 
 @kernel

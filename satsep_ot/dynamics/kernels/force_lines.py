@@ -14,14 +14,14 @@ Hu et al. (2017), equations 4 to 8.
 """
 
 import enum
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from satsep_ot.dynamics.kernels.compilation import choice, inline, kernel, larger
+from satsep_ot.dynamics.kernels.compilation import choice, inline, kernel
 from satsep_ot.dynamics.kernels.records import LANES
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
+    cross,
     dot,
     lane,
     minus,
@@ -73,7 +73,8 @@ def normal(delta, n_1, n_2, l_0, mu_g):
     cosine = dot(n_1, n_2)
     inverse = 1.0 / cosine
     s = dot(delta, n_2) * inverse
-    sine = math.sqrt(larger(0.0, 1.0 - cosine * cosine))
+    # Of nearly parallel directions the cosine has lost what the sine is.
+    sine = norm(cross(n_1, n_2))
     return s, scaled(inverse, n_2), scaled(s, n_1), cosine / (cosine + mu_g * sine)
 
 
@@ -82,7 +83,8 @@ def normal_adjoint(delta, n_1, n_2, l_0, mu_g, f, slope, by_force, by_point, by_
     cosine = dot(n_1, n_2)
     inverse = 1.0 / cosine
     s = dot(delta, n_2) * inverse
-    sine = math.sqrt(larger(0.0, 1.0 - cosine * cosine))
+    # Of nearly parallel directions the cosine has lost what the sine is.
+    sine = norm(cross(n_1, n_2))
     balance = cosine + mu_g * sine
     # The friction is kinked where rod and plate are aligned: 0 is one of its slopes there.
     bend = 1.0 - mu_g * cosine / sine if sine > 1e-12 else 1.0

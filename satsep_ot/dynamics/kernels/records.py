@@ -10,7 +10,7 @@ import numpy as np
 
 STAGES = 12  # of a Runge-Kutta step, at most
 LANES = 8  # outputs that are differentiated together: one vector register of the processor
-MAXIMUM_STEPS = 1000
+MAXIMUM_STEPS = 1000  # of a run, beside those for the knots of tables and for times asked for after it
 CACHE_LINE = 64  # bytes, as many as one row of lanes
 LARGEST = 1e30  # far beyond any physical value, so that no product overflows
 
@@ -120,6 +120,7 @@ SPRING = record(
     ("in_sums", INTEGER),  # whether its force is part of the sums of the guided springs
     ("first_cubic", INTEGER),  # of its force-stroke table
     ("cubic_number", INTEGER),
+    ("cubic", INTEGER),  # the one that holds in this step; -1 for the one at the stroke
     ("is_pending", INTEGER),  # still to push
     ("is_pushing", INTEGER),
 )
@@ -312,7 +313,10 @@ PROGRESS = record(
     ("release_in", NUMBER),
     ("release_spring", INTEGER),
     ("release_share", NUMBER),  # stroke by now over that at the release
-    ("knot_in", NUMBER),  # and the next knot of a table
+    # The next knot of a table.
+    ("knot_in", NUMBER),
+    ("knot_spring", INTEGER),
+    ("knot", NUMBER),  # its stroke
     # The step that was taken.
     ("h", NUMBER),
     ("method", INTEGER),
@@ -346,7 +350,7 @@ class Run(NamedTuple):
     cubics: Any  # CUBIC (M,)
     points: Any  # POINT (E,)
     planes: Any  # PLANE (W,)
-    tape: Any  # TAPE (MAXIMUM_STEPS + 1,)
+    tape: Any  # TAPE (largest number of steps + 1,)
     step: Any  # record STEP
     progress: Any  # record PROGRESS
 
@@ -469,7 +473,7 @@ class Buffers(NamedTuple):
     cubics: Any  # CUBIC (M,), of all runs
     points: Any  # POINT (S, E)
     planes: Any  # PLANE (S, W)
-    tapes: Any  # TAPE (S, MAXIMUM_STEPS + 1)
+    tapes: Any  # TAPE (S, largest number of steps + 1)
     steps: Any  # STEP (1,)
     progress: Any  # PROGRESS (1,)
     limits: Any  # see Parameters

@@ -14,7 +14,7 @@ from satsep_ot.dynamics.kernels.compilation import inline, integers, kernel, lar
 from satsep_ot.dynamics.kernels.constants import set_constants
 from satsep_ot.dynamics.kernels.deck import PENETRATION_LIMIT, begin_watch, foot_is_clear, watch_deck
 from satsep_ot.dynamics.kernels.envelope import enter_recess, follow_points, time_until_the_last_exit
-from satsep_ot.dynamics.kernels.force_laws import next_knot
+from satsep_ot.dynamics.kernels.force_laws import force, next_knot
 from satsep_ot.dynamics.kernels.gravity import ANCHOR_LIFE, move_anchor
 from satsep_ot.dynamics.kernels.integration import (
     EIGHTH_ORDER,
@@ -30,8 +30,16 @@ from satsep_ot.dynamics.kernels.integration import (
     stages,
     step_method,
 )
-from satsep_ot.dynamics.kernels.records import MAXIMUM_STEPS, NO_GRAVITY, STATE_SIZE
-from satsep_ot.dynamics.kernels.springs import OFF, start_push, start_springs, stroke_motion, switch
+from satsep_ot.dynamics.kernels.records import NO_GRAVITY, STATE_SIZE
+from satsep_ot.dynamics.kernels.springs import (
+    KNOT_DISTANCE,
+    OFF,
+    place_on_tables,
+    start_push,
+    start_springs,
+    stroke_motion,
+    switch,
+)
 from satsep_ot.dynamics.kernels.status import (
     INVALID_PARAMETERS,
     NO_EXIT,
@@ -50,6 +58,7 @@ STEP_MARGIN = 0.1
 # nearest point at 0.5.
 LARGEST_TURN = 0.3
 MAXIMUM_ATTEMPTS = 40  # at one step
+MOST_CORRECTIONS = 4  # of a step onto a knot
 
 NONE = np.int64(-1)  # no spring
 
@@ -87,6 +96,12 @@ def is_under_way(progress):
     return progress.to_release > 0 or progress.inside > 0 or progress.watching > 0
 
 
+@inline
+def last_step(run):
+    """How many steps there is room for."""
+    return run.tape.shape[0] - 1
+
+
 @kernel
 def start(parameters, orbit, attitude, horizon, tolerance, run, release_time):
     """Bring the run to t = 0; returns a status."""
@@ -121,7 +136,7 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time):
 def find_boundary(run, stops):
     """The next instant that no step may cross: the start of a push, the horizon, the end. Returns a status."""
     progress = run.progress
-    if progress.step >= MAXIMUM_STEPS:
+    if progress.step >= last_step(run):
         return TOO_MANY_STEPS
     progress.boundary = np.inf
     progress.boundary_event = NOTHING
@@ -149,10 +164,16 @@ def predict_release(run):
     if system.gravity != NO_GRAVITY and t - system.anchor.time > 0.5 * ANCHOR_LIFE:
         move_anchor(t, system.anchor)
     copy_state(run.tape[progress.step].state, step.stage[0])
+    if run.cubics.shape[0] > 0:
+        place_on_tables(step.stage[0], run)
     stages(FIRST, SECOND, EIGHTH_ORDER, t, 0.0, run)
     soonest = np.inf
-    knot_in = np.inf
     expected = NONE
+    progress.knot_in = np.inf
+    progress.knot_spring = NONE
+    knot_s = 0.0
+    knot_rate = 0.0
+    knot_acceleration = 0.0
     square = 0.0
     nearest_s = 0.0
     nearest_rate = 0.0
@@ -161,11 +182,21 @@ def predict_release(run):
         spring = run.springs[i]
         if spring.is_pushing:
             s, rate, acceleration = stroke_motion(step.stage[0], step.slope[0], system, spring)
-            square += spring.scale * spring.stiffness * system.inverse_reduced_mass
+            stiffness = spring.stiffness
             if spring.has_table:
                 # Steps that end at a knot of its table keep their order.
-                knot = next_knot(spring, run.cubics, s + 1e-7)
-                knot_in = smaller(knot_in, first_estimate(s, rate, acceleration, knot))
+                knot = next_knot(spring, run.cubics, s + KNOT_DISTANCE)
+                time = first_estimate(s, rate, acceleration, knot)
+                if time < progress.knot_in:
+                    progress.knot_in = time
+                    progress.knot_spring = i
+                    progress.knot = knot
+                    knot_s = s
+                    knot_rate = rate
+                    knot_acceleration = acceleration
+                _, slope, _, _ = force(spring, run.cubics, s)
+                stiffness = larger(0.0, -slope)
+            square += spring.scale * stiffness * system.inverse_reduced_mass
             time = first_estimate(s, rate, acceleration, spring.release_stroke)
             if time < soonest:
                 soonest = time
@@ -182,7 +213,10 @@ def predict_release(run):
             soonest = refined_estimate(soonest, nearest_s, nearest_rate, nearest_acceleration, stroke, square)
     progress.release_in = soonest
     progress.release_spring = expected
-    progress.knot_in = knot_in
+    if progress.knot_in < smaller(progress.boundary - t, progress.next_step) and square > 0.0:
+        progress.knot_in = refined_estimate(
+            progress.knot_in, knot_s, knot_rate, knot_acceleration, progress.knot, square
+        )
     return OK
 
 
@@ -302,12 +336,15 @@ def take_step(run):
         return OK
     h = longest_step(run)
     set_allowed_error(progress, run.tape[progress.step].state, step.allowed)
-    landing = release_in < limit and release_in <= 1.3 * h
+    # Not across a knot.
+    landing = release_in < limit and release_in <= smaller(1.3 * h, progress.knot_in)
     h = release_in if landing else smaller(h, limit)
+    corrections = MOST_CORRECTIONS if h == progress.knot_in else 0
     if short < h <= 2.0 * short:
         # Two short steps cost less than a long one.
         h *= 0.5
         landing = False
+        corrections = 0
     for _ in range(MAXIMUM_ATTEMPTS):
         method = step_method(h, short)
         stages(SECOND, STAGE_NUMBER[method], method, t, h, run)
@@ -315,8 +352,22 @@ def take_step(run):
             accepted, h = control_error(h, run)
             if not accepted:
                 landing = False
+                corrections = 0
                 continue
         finish(method, h, step)
+        if corrections > 0:
+            # A knot is located, as a release is: the order of a step that ends beside it is lost.
+            corrections -= 1
+            time = time_to_knot(run)
+            if 0.0 < h + time < limit and abs(time) > 1e-15:
+                h += time
+                continue
+        if run.cubics.shape[0] > 0:
+            time = time_to_passed_knot(run)
+            if 0.0 < h + time < h:
+                h += time
+                landing = False
+                continue
         spring, time = reached_release(step.slope[0], run, expected if landing else NONE)
         if spring < 0 or time > short:
             # No release in this step (or it is later than predicted: the next step lands).
@@ -333,6 +384,35 @@ def take_step(run):
         landing = True
         expected = spring
     return STEP_UNDERFLOW
+
+
+@kernel
+def time_to_knot(run):
+    """From the end of the step to the knot that it was to reach [s]; 0 where it is there, or does not come nearer."""
+    progress, step = run.progress, run.step
+    s, rate, _ = stroke_motion(step.end, step.slope[0], run.system, run.springs[progress.knot_spring])
+    gap = progress.knot - s
+    return gap / rate if rate > 0.0 and abs(gap) > 0.1 * KNOT_DISTANCE else 0.0
+
+
+@kernel
+def time_to_passed_knot(run):
+    """From the end of the step back to the knot that it has passed nevertheless [s]; 0 where there is none.
+
+    That is one that was not expected: of a spring that turns back, or that is quicker than it looked.
+    """
+    time = 0.0
+    for i in range(run.springs.shape[0]):
+        spring = run.springs[i]
+        if spring.is_pushing and spring.has_table:
+            s, rate, _ = stroke_motion(run.step.end, run.step.slope[0], run.system, spring)
+            start = run.cubics[spring.cubic].start
+            if rate < 0.0 and spring.cubic > spring.first_cubic and s < start - KNOT_DISTANCE:
+                time = smaller(time, (start - s) / rate)
+            end = next_knot(spring, run.cubics, start)
+            if rate > 0.0 and s > end + KNOT_DISTANCE:
+                time = smaller(time, (end - s) / rate)
+    return time
 
 
 @kernel
@@ -429,7 +509,7 @@ def pass_event(run, release_time):
             begin_coast(progress, run.tape[progress.step].state)
     if progress.watching > 0 and progress.to_release == 0:
         # What else is asked for may go on until the horizon; the watch ends there.
-        over = progress.time >= progress.horizon or progress.step >= MAXIMUM_STEPS
+        over = progress.time >= progress.horizon or progress.step >= last_step(run)
         if over or foot_is_clear(run.tape[progress.step].state, run):
             progress.watching = 0
 

@@ -10,7 +10,7 @@ of the number of springs. The force of any other spring is computed by itself.
 import numpy as np
 
 from satsep_ot.dynamics.kernels.compilation import inline, integers, kernel
-from satsep_ot.dynamics.kernels.force_laws import force
+from satsep_ot.dynamics.kernels.force_laws import cubic_at, force
 from satsep_ot.dynamics.kernels.force_lines import contact, contact_adjoint
 from satsep_ot.dynamics.kernels.records import LANES, SUM_COLUMNS, SUM_ROWS
 from satsep_ot.dynamics.kernels.vectors import (
@@ -33,6 +33,8 @@ from satsep_ot.dynamics.kernels.vectors import (
     transposed_times,
     vector,
 )
+
+KNOT_DISTANCE = 1e-10  # from where on a stroke is at a knot of its table [m]
 
 OFF, ON = integers(0, 1)
 # Where the columns of d and of the rows of R start, and the rows of a matrix.
@@ -194,6 +196,20 @@ def stroke_motion(state, slope, system, spring):
     rate = dot(g, minus(plus(state.w, cross(times(R, state.omega_2), arm)), cross(state.omega_1, p)))
     acceleration = dot(g, minus(plus(slope.w, cross(times(R, slope.omega_2), arm)), cross(slope.omega_1, p)))
     return s, rate, acceleration
+
+
+@kernel
+def place_on_tables(state, run):
+    """For each spring with a table the cubic that holds in the step that starts at a state.
+
+    No step crosses a knot, and at a knot the stroke alone does not tell on which side the step lies.
+    """
+    for i in range(run.springs.shape[0]):
+        spring = run.springs[i]
+        if spring.is_pushing and spring.has_table:
+            s, rate, _ = stroke_motion(state, state, run.system, spring)
+            ahead = KNOT_DISTANCE if rate >= 0.0 else -KNOT_DISTANCE
+            spring.cubic = cubic_at(spring, run.cubics, s + ahead)
 
 
 @kernel

@@ -28,8 +28,12 @@ _SENTENCES = {
     Status.OK: "the separation completed",
     Status.NO_RELEASE: "a spring was not released within the horizon",
     Status.NO_EXIT: "an envelope point did not leave the recess within the horizon",
-    Status.STEP_UNDERFLOW: "the step size fell below the resolution of time: the motion is too violent or not finite",
-    Status.TOO_MANY_STEPS: "the motion needed more steps than are allowed: it is too violent for the horizon",
+    Status.STEP_UNDERFLOW: (
+        "no step of any length had an error that is allowed: the motion is not finite, or far too quick"
+    ),
+    Status.TOO_MANY_STEPS: (
+        "all steps that a run may take were used up before its end: give a shorter horizon, or a larger tolerance"
+    ),
     Status.PENETRATION: (
         "the satellite sinks more than 0.1 mm below the deck, where nothing stops it: the case has no contact"
     ),

@@ -42,7 +42,7 @@ def read_springs(table: Table, files: dict[str, str]) -> Springs:
     force_tables = _force_tables(table, values["stroke"], files)
     for name in ("stiffness", "deformation"):
         values[name] = _of_linear_springs(table, name, force_tables)
-    return Springs(**values, tables=force_tables)
+    return Springs(**values, tables=force_tables, interpolation=table.read("interpolation"))
 
 
 def read_umbilicals(tables: list[Table], pin_stiffness: float) -> Iterator[Springs]:
