@@ -238,11 +238,17 @@ def test_errors_of_writing_name_the_file_that_was_meant(tmp_path, monkeypatch):
         assert caught.value.filename == str(tmp_path / "file")
 
 
-def test_a_pipe_in_place_of_a_step_is_not_waited_for(folder):
-    path = folder / "results" / "steps" / "rolling--FORM.json"
+@pytest.mark.parametrize(
+    ("name", "code"), [("steps/rolling--FORM.json", 0), ("origin.json", 2), ("manifest.json", 0), ("results.json", 0)]
+)
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(name, code, folder):
+    path = folder / "results" / name
     path.unlink()
     os.mkfifo(path)
-    assert study(folder, "--resume") == 0
+    assert cli.main(["report", str(folder / "results")]) == (
+        0 if name.startswith(("steps", "origin", "manifest")) else 2
+    )
+    assert study(folder, "--resume") == code
 
 
 def test_a_foreign_step_is_refused_where_there_are_no_checksums(folder, capsys):

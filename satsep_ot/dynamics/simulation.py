@@ -386,7 +386,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
 
     def contact_job(first, end):
         slots = sweep_chunk if sweeping else 1
-        buffers, more = _buffers(separation, slots), _contact_buffers(separation, slots)
+        buffers, more = _buffers(separation, slots, most_steps), _contact_buffers(separation, slots)
         runs = (
             first, end, int(sweeping), rows, *common, buffers, more, results, exit_clearances, release_times, status,
             steps, last, states, contacts,

@@ -19,9 +19,11 @@ import numpy as np
 
 from satsep_ot.methods.common.manifest import MANIFEST, Manifest, file_digest
 from satsep_ot.methods.common.storage import TEMPORARY, writeWhole
+from satsep_ot.model.text import read_text_file
 
 ORIGIN = "origin.json"
 _FORMAT = 1
+_LONGEST_ORIGIN = 10_000_000  # characters
 # The files of one step: folder and suffix.
 _OF_STEP = (("steps", ".json"), ("steps", ".npz"), ("runs", ".npz"), ("runs", ".npy"))
 # Names that stand as they are in the name of a file: words with single spaces between them.
@@ -245,7 +247,7 @@ class ResultsDirectory:
                 )
             return False
         try:
-            origin = json.loads(path.read_text(encoding="utf-8"))
+            origin = json.loads(read_text_file(path, _LONGEST_ORIGIN))
             known = origin["format"] == _FORMAT and origin["kind"] in ("study", "benchmark")
             kind, theirs = origin["kind"], dict(origin["identity"])
         except (OSError, ValueError, KeyError, TypeError) as error:

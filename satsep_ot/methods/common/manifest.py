@@ -50,7 +50,7 @@ class Manifest:
 
     def isThere(self) -> bool:
         """Whether the directory has a manifest: version 0.1.0 wrote none."""
-        return self._path.exists()
+        return self._path.is_file()
 
     def record(self, *paths: str | os.PathLike) -> None:
         """Keep the checksums of files of the directory as they are now; without any, an empty manifest."""
