@@ -100,7 +100,7 @@ def test_results_are_saved_whole_and_can_be_read_again(study, tmp_path):
     paths = study.save(tmp_path / "new" / "study")
     assert all(path.stat().st_size > 0 for path in paths)
     written = {path for path in (tmp_path / "new" / "study").rglob("*") if path.is_file()}
-    assert {path.name for path in written - set(paths)} == {"origin.json", "case.toml"}
+    assert {path.name for path in written - set(paths)} == {"origin.json", "manifest.json", "case.toml"}
     results = json.loads(paths[0].read_text(encoding="utf-8"))
     again = json.loads(json.dumps(results_document(study.getResult())))
     for key in again.keys() - {"finished", "figures"}:
