@@ -243,3 +243,27 @@ def test_the_tolerance_is_kept_by_every_force_line_and_law(line, largest):
         for name, floor in (("axial_velocity", 0.0), ("tip_off_rate", 0.1)):
             exact = fine.quantity(name)
             assert (np.abs(rough.quantity(name) - exact) / np.maximum(np.abs(exact), floor)).max() < largest
+
+
+@pytest.mark.parametrize("what", ["no force", "no force at first", "ends far beyond the stroke", "rows apart", "tiny"])
+def test_odd_tables_of_many_rows_are_fitted_too(what):
+    table, stroke = measured(400), STROKE
+    if what == "no force":
+        table[:, 1] = 0.0
+    elif what == "no force at first":
+        table[:200, 1] = 0.0
+    elif what == "ends far beyond the stroke":
+        stroke = 1e-5
+    elif what == "rows apart":
+        table[1:, 0] = np.linspace(0.0299, STROKE, 399)
+    else:
+        table *= [1.0, 1e-9]
+    starts, coefficients = force_pieces(table, stroke)
+    assert len(starts) <= 256
+    assert np.isfinite(coefficients).all()
+    ends = [*starts, table[-1, 0]]
+    for low, high in itertools.pairwise(ends):
+        expected = interpolant(table).integrate(low, high)
+        assert work((starts, coefficients), low, high) == pytest.approx(
+            expected, rel=1e-6, abs=1e-9 * table[:, 1].max()
+        )

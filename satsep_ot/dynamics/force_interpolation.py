@@ -90,7 +90,7 @@ def _ends(rows, stroke, number):
     """Where the pieces begin and end."""
     ends = stroke * (np.arange(number + 1) / number) ** 2
     beyond = rows.x[-1] - stroke
-    more = int(np.ceil(beyond / (ends[-1] - ends[-2]) - 1e-9)) if beyond > 0.0 else 0
+    more = min(int(np.ceil(beyond / (ends[-1] - ends[-2]) - 1e-9)), number) if beyond > 0.0 else 0
     return np.concatenate([ends, stroke + beyond * np.arange(1, more + 1) / max(more, 1)])
 
 
@@ -133,4 +133,4 @@ def _work_error(pieces, rows):
     ends = pieces.x[-1]
     strokes = np.union1d(np.linspace(0.0, ends, 4001), rows.x[rows.x <= ends])
     work = rows.antiderivative()(strokes)
-    return np.abs(pieces.antiderivative()(strokes) - work).max() / np.abs(work).max()
+    return np.abs(pieces.antiderivative()(strokes) - work).max() / max(np.abs(work).max(), 1e-300)
