@@ -380,7 +380,8 @@ class Separation:
             zero["guide_friction"] = "only the force line NORMAL loads the guides laterally"
         for i in np.flatnonzero(~self.springs.law_property("has_stiffness")):
             # Pins that stick have a stiffness.
-            names = ("deformation",) if self.springs.stiffness[i] > 0.0 else ("stiffness", "deformation")
+            sticks = self.springs.law_property("holds_back")[i] and self.springs.stiffness[i] > 0.0
+            names = ("deformation",) if sticks else ("stiffness", "deformation")
             for name in names:
                 zero[f"springs[{i}].{name}"] = "another law than the linear one holds for this spring"
         return zero
