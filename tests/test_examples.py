@@ -206,7 +206,8 @@ SESSIONS = [
 
 
 @pytest.mark.parametrize(("page", "session"), SESSIONS)
-def test_python_blocks_run(page, session, capsys):
+def test_python_blocks_run(page, session, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     quantities = dict(QUANTITIES)
     state = ot.RandomGenerator.GetState()
     names = {"__name__": page.stem}

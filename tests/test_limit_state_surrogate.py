@@ -37,7 +37,8 @@ def models(found):
 
 
 def test_a_component_gets_three_directions_and_degree_four_at_most():
-    u = points(400, 6)
+    # Of so many inputs none gets a Gaussian process.
+    u = points(400, 12)
     squares = (np.array([4.0, 3.0, 2.0, 1.5]) * u[:, :4] ** 2).sum(axis=1)
     assert models(surrogate(u, squares))[0][:2] == (3, 2)
     assert models(surrogate(u, squares, maximumDimension=4))[0][:2] == (4, 2)
@@ -82,13 +83,13 @@ def test_no_model_has_more_parameters_than_three_quarters_of_the_runs():
 
 
 def test_the_inactive_radius_is_used_where_it_tells_more_than_directions():
-    u = points(400, 8)
+    u = points(400, 12)
     squared = (u**2).sum(axis=1)
     assert models(surrogate(u, squared)) == [(0, 4, True)]
     both = surrogate(u, u[:, 0], squared)
     assert both.radial
     assert both.dimension() == 2
-    y = both.reduce(points(2000, 8, 5))
+    y = both.reduce(points(2000, 12, 5))
     # Points of standard space for values of the variables, and back.
     np.testing.assert_allclose(both.reduce(both.expand(y, np.random.default_rng(0))), y, atol=1e-8)
     np.testing.assert_allclose(y.std(axis=0), 1.0, atol=0.05)
@@ -121,13 +122,13 @@ def test_the_error_of_prediction_is_that_of_new_points():
     assert np.median(found) == pytest.approx(np.median(fresh), rel=0.15)
 
 
-def test_an_error_is_never_taken_for_less_than_a_hundredth_of_the_spread():
+def test_an_error_is_never_taken_for_less_than_a_small_share_of_the_spread():
     u = points(100, 4)
     found = surrogate(u, 5.0 * u[:, 0], 0.1 * u[:, 1])
-    np.testing.assert_allclose(found.errors, 0.01 * np.array([5.0 * u[:, 0].std(), 0.1 * u[:, 1].std()]))
+    least = 0.003 * np.array([5.0 * u[:, 0].std(), 0.1 * u[:, 1].std()])
     y = np.zeros((1, 2))
     # The polynomial of two terms is known best in the middle of its points, there to 1 / 100 of the variance.
-    np.testing.assert_allclose(found.predictionErrors(y)[0], found.errors * math.sqrt(1.01), rtol=1e-3)
+    np.testing.assert_allclose(found.predictionErrors(y)[0], least * math.sqrt(1.01), rtol=2e-3)
 
 
 def test_the_error_of_the_limit_state_is_that_of_its_components_together():
@@ -263,3 +264,44 @@ def test_the_native_function_of_a_component_that_is_constant():
     np.testing.assert_allclose(
         np.array(native.gradient([4.0, 0.0, 1.0])), [[0.5, 0.0], [0.0] * 2, [0.0] * 2], atol=1e-9
     )
+
+
+def test_inactive_radius_is_standard_normal_and_inverts():
+    generator = np.random.default_rng(0)
+    u = generator.standard_normal((20_000, 7))
+    directions = np.eye(7)[:, :2]
+    t = normalisedRadius(u, directions)
+    assert abs(t.mean()) < 0.03
+    assert abs(t.std() - 1.0) < 0.03
+    np.testing.assert_allclose(radiusFromNormal(t, 5), np.linalg.norm(u[:, 2:], axis=1), rtol=1e-8)
+
+
+def test_a_surrogate_whose_weights_leave_few_runs_gets_a_smaller_model():
+    generator = np.random.default_rng(0)
+    u = generator.standard_normal((300, 12))
+    values = np.column_stack([u[:, 0] + 0.5 * u[:, 1] * u[:, 2] * u[:, 0]])
+    large = LimitStateSurrogate(u, values, lambda v: 4.0 - v[:, 0], np.ones(300))
+    assert large.components[0].model.dimension == 3
+    weights = np.where(np.arange(300) < 20, 1.0, 1e-6)
+    small = LimitStateSurrogate(u, values, lambda v: 4.0 - v[:, 0], weights, large)
+    assert small.components[0].model.dimension == 1
+
+
+def test_errors_of_prediction_grow_where_a_polynomial_extrapolates():
+    generator = np.random.default_rng(0)
+    standardised, constant = [], []
+    for _ in range(30):
+        u = generator.standard_normal((80, 12))
+        truth = u[:, 0] + 0.3 * u[:, 0] ** 2
+        noise = 0.3 * generator.standard_normal(80)
+        found = LimitStateSurrogate(
+            u, (truth + noise)[:, None], lambda v: 4.0 - v[:, 0], np.ones(80), maximumDimension=1
+        )
+        y = found.reduce(np.array([[0.0] * 12, [5.0] + [0.0] * 11]))
+        error = found.predict(y)[:, 0] - [0.0, 12.5] + 0.3 * generator.standard_normal(2)
+        standardised.append(error / found.predictionErrors(y)[:, 0])
+        constant.append(error / found.predictionErrors(found.reduce(np.zeros((1, 12))))[0, 0])
+    inside, outside = np.sqrt(np.mean(np.square(standardised), axis=0))
+    assert 0.7 < inside < 1.3
+    assert 0.6 < outside < 1.4
+    assert np.sqrt(np.mean(np.square(constant), axis=0))[1] > 1.5

@@ -1,5 +1,6 @@
 """The report: what it says, that it stands alone, and that a real browser shows it."""
 
+import dataclasses
 import html
 import json
 import re
@@ -16,9 +17,9 @@ from satsep_ot.model.case import SYSTEM, parse_case
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.separation_study import SeparationStudy
 from satsep_ot.studies.telling.document import ReportError, read_results
-from satsep_ot.studies.telling.remarks import COVERAGE
+from satsep_ot.studies.telling.remarks import COVERAGE, audit_remarks
 from satsep_ot.studies.telling.report import render_report, write_report
-from satsep_ot.studies.telling.words import probability_text
+from satsep_ot.studies.telling.words import StudyMethod
 from tests.browser import PROGRAM, Browser
 
 
@@ -139,16 +140,41 @@ def test_the_table_of_coverage_is_what_the_benchmark_printed():
     assert f"coverage is above {100 * clopperPearson(16, 16)[0]:.0f} %" in text
 
 
-def test_what_a_surrogate_may_have_missed_is_told_once(page, results):
-    bounds = [row["unseen_bound"] for row in results["rows"] if row["unseen_bound"] is not None]
-    assert bounds
+def test_what_wide_runs_may_have_missed_is_told_once(page, results):
+    audited = [row for row in results["rows"] if row["audits"]]
+    assert audited
+    assert {row["method"] for row in audited} == {"ActiveSubspace"}
+    number = min(row["audits"] for row in audited if row["converged"])
+    spreads = [row["audit_spread"] for row in audited if row["converged"]]
     text = visible_text(page)
-    assert text.count("a failure region that no run has reached is not excluded.") == 1
-    told = text.split("at most the probability:")[1].split("Nothing here")[0]
-    assert all(probability_text(bound) in told for bound in bounds)
+    assert text.count("looked in all directions") == 1
+    told = text.split("looked in all directions: ")[1].split("Nothing here")[0]
+    spread = " to ".join(dict.fromkeys(f"{value:.1f}" for value in (min(spreads), max(spreads))))
+    assert told.startswith(f"at least {number} wide runs for ")
+    assert f", at {spread} times the spread of the inputs." in told
+    share = float(re.search(r"region that ([\d.]+) % of such runs would hit", told)[1])
+    assert (1.0 - 0.01 * share) ** number == pytest.approx(0.05, rel=0.1)
     assert "its 5,000 runs reach, with 95 % confidence, every failure region of a probability above 6e-4." in told
     met = next(verdict for verdict in results["verdicts"] if verdict["status"] == "met")
     assert "The 5,000 runs of MonteCarlo, which needs no surrogate, bound the probability by" in met["sentence"]
+
+
+def test_wide_runs_are_told_of_the_requirements_that_have_them(directory):
+    result = read_results(directory / "results.json")
+    none = [dataclasses.replace(row, audits=0, audit_spread=0.0) for row in result.rows]
+    assert audit_remarks(dataclasses.replace(result, rows=tuple(none))) == []
+    audited = [
+        dataclasses.replace(row, audits=80, audit_spread=2.5, converged=True)
+        if row.method == StudyMethod.ACTIVE_SUBSPACE
+        else row
+        for row in none
+    ]
+    (told,) = audit_remarks(dataclasses.replace(result, rows=tuple(audited)))
+    assert "at least 80 wide runs for each requirement, at 2.5 times the spread of the inputs" in told
+    assert "region that 3.7 % of such runs" in told
+    first = next(index for index, row in enumerate(audited) if row.audits)
+    (told,) = audit_remarks(dataclasses.replace(result, rows=(*none[:first], audited[first], *none[first + 1 :])))
+    assert f"wide runs for {audited[first].requirement}, at" in told
 
 
 def test_why_an_estimate_with_half_a_tolerance_ended_is_told(page, results):
@@ -292,13 +318,24 @@ def test_report_command_writes_the_same_page_again(directory, page, tmp_path, ca
 
 def test_results_of_version_0_1_0_give_a_report(directory, results, tmp_path):
     copy_freely(directory, tmp_path / "old")
-    old = {key: value for key, value in results.items() if key not in ("format", "driver_measures")}
+    old = json.loads(json.dumps(results))
+    del old["format"], old["driver_measures"]
     for entry in (*old["rows"], *old["quantities"].values()):
-        entry.pop("unseen_bound", None)
-        entry.pop("part_of", None)
-        entry.pop("norm_of", None)
+        for key in ("audits", "audit_spread", "part_of", "norm_of"):
+            entry.pop(key, None)
     (tmp_path / "old" / "results.json").write_text(json.dumps(old), encoding="utf-8")
     assert "Not met: slow." in visible_text(render_report(tmp_path / "old"))
+
+
+def test_results_with_keys_of_an_earlier_state_are_read(directory, results, tmp_path):
+    old = json.loads(json.dumps(results))
+    for row in old["rows"]:
+        del row["audits"], row["audit_spread"]
+        row["unseen_bound"] = 1e-3
+    (tmp_path / "results.json").write_text(json.dumps(old), encoding="utf-8")
+    read = read_results(tmp_path / "results.json")
+    assert [row.audits for row in read.rows] == [0] * len(old["rows"])
+    assert audit_remarks(read) == []
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import openturns as ot
 import pytest
+from reliability_events import findNothing
 
 from satsep_ot.methods.common.storage import TEMPORARY, writeWhole
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
@@ -43,14 +44,31 @@ def test_the_estimate_again_from_the_weights(mode):
 
 def test_the_first_runs_of_a_constant_are_a_monte_carlo_sample():
     runs = result_of("2.0 + 0.0 * x0", 1.0).getTrueRuns()
-    assert np.array_equal(runs.weights, np.ones(len(runs)))
+    nominal = np.isin(runs.phases, ("learning", "Monte Carlo"))
+    assert np.array_equal(runs.weights, np.where(nominal, 1.0, np.nan), equal_nan=True)
+    assert runs.failed.all()
     assert runs.computeProbability() == 1.0
 
 
-def test_runs_of_subset_simulation_have_no_weights():
-    result = result_of("cos(9 * x0) + cos(7 * x1) + cos(8 * x2)", 2.98)
+def test_the_estimate_again_from_runs_around_modes_and_of_a_complement():
+    step = "(x0 > 2.5) ? 1 : -1"
+    for formula, threshold, method in (
+        (step, 0.0, "ImportanceSampling"),
+        ("(x0 > -2.0) ? 1 : -1", 0.0, "ImportanceSampling"),
+        ("x0 + 0.5 * x1", -2.5, "ActiveSubspace"),
+    ):
+        result = result_of(formula, threshold, maximum=3000, dimension=12)
+        assert result.getMethod() == method
+        runs = result.getTrueRuns()
+        assert runs.computeProbability() == pytest.approx(result.getProbabilityEstimate(), rel=1e-9)
+        assert np.array_equal(runs.failed, runs.outputs[:, 0] > threshold)
+
+
+def test_runs_of_subset_simulation_have_no_weights(monkeypatch):
+    findNothing(monkeypatch)
+    result = result_of("x0", 2.0, maximum=600)
     assert result.getMethod() == "SubsetSimulation"
-    with pytest.raises(ValueError, match="no run of learning, subset simulation has a weight"):
+    with pytest.raises(ValueError, match=r"no run of .*subset simulation has a weight"):
         result.getTrueRuns().computeProbability()
 
 

@@ -453,8 +453,13 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             result.save(path)
             self._directory.record(path)
         self._keepRuns(names, lambda: result.getTrueRuns(self._outputDescription(requirement)))
-        # A table says once for all requirements what their estimates do not exclude.
-        return dataclasses.replace(estimate, note=result.getEndingSentence(), unseen_bound=result.getUnseenBound())
+        # A table says once for all requirements what their wide runs would have missed.
+        return dataclasses.replace(
+            estimate,
+            note=result.getEndingSentence(),
+            audits=result.getAuditNumber(),
+            audit_spread=result.getAuditSpread(),
+        )
 
     def _outputDescription(self, requirement):
         function, _, _, _ = self._problem.getComponents(None if requirement == SYSTEM else requirement)

@@ -28,7 +28,7 @@ sys.path.append(str(Path(__file__).resolve().parent))
 from random_systems import DESIGN, random_system
 
 LEVELS = {"95": 0.95, "999": 0.999}
-OWN_METHOD = "ActiveSubspace"
+OWN_METHODS = ("ActiveSubspace", "ImportanceSampling")
 
 
 def estimate(seed, target, evaluations):
@@ -135,7 +135,7 @@ def status(row):
     """One word for how a run ended."""
     if "error" in row:
         return "not finished" if row["error"] == "not finished" else "error"
-    handed = row["method"] != OWN_METHOD
+    handed = row["method"] not in OWN_METHODS
     if row["converged"]:
         return "handed, conv." if handed else "converged"
     return "handed over" if handed else "refused"

@@ -60,6 +60,10 @@ class ConfidenceInterval:
         Of a log-normal estimate with Student quantiles; from 0 where the estimate is not positive.
     failures, runs : int
         Of a binomial estimate, which is used where ``runs`` is not 0.
+    lowerOnly : bool
+        The estimate lacks something: the upper bound is 1, the lower one as before.
+    complement : bool
+        All this is of the complement; the bounds are of the event.
 
     Examples
     --------
@@ -73,9 +77,16 @@ class ConfidenceInterval:
     freedom: float = math.inf
     failures: int = 0
     runs: int = 0
+    lowerOnly: bool = False
+    complement: bool = False
 
     def bounds(self, level: float) -> tuple[float, float]:
         """Lower and upper bound at a level."""
+        lower, upper = self._bounds(level)
+        upper = 1.0 if self.lowerOnly else upper
+        return (1.0 - upper, 1.0 - lower) if self.complement else (lower, upper)
+
+    def _bounds(self, level):
         if self.runs:
             return clopperPearson(self.failures, self.runs, level)
         if self.probability <= 0.0:

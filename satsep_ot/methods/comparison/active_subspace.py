@@ -64,8 +64,8 @@ class ActiveSubspace(ReliabilityMethod):
 
 
 class SafeActiveSubspace(ActiveSubspace):
-    """`ActiveSubspace` in its mode ``"safe"``, which starts with a short subset simulation: for failure regions that
-    the function near the mean does not show.
+    """`ActiveSubspace` in its mode ``"safe"``: with two to three times the wide runs, for failure regions that the
+    function near the mean does not show.
     """
 
     name = "SafeActiveSubspace"

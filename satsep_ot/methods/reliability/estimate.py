@@ -1,63 +1,83 @@
-"""Estimates of a probability from true runs: corrected surrogates, crude Monte Carlo, and when they are enough."""
+"""Estimates of a probability from blocks of true runs, crude Monte Carlo, and how exact they are."""
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 
 from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
-from satsep_ot.methods.reliability.proposal import Proposal
 from satsep_ot.methods.reliability.sensitivity import FailureSample
 
-# An estimate needs this many true failures and blocks beside the target coefficient of variation.
-_MINIMUM_FAILURES, MINIMUM_BLOCKS = 60, 3
 # Above this shape of their largest values the mean and variance of the corrections are not to be trusted.
 _LARGEST_PARETO_SHAPE = 0.7
+# Corrections below this share of the wanted error do not matter.
+_NEGLIGIBLE_SHARE = 0.2
 # Points that carry the surrogate's share of the failure distribution.
 _SURROGATE_POINTS = 10_000
-# Standard deviations within which a new surrogate agrees with the estimate so far.
-_AGREEMENT = 5.0
+# Failures of a crude Monte Carlo estimate that is believed.
+_MINIMUM_FAILURES = 60
+# A surrogate that knew another probability than the present one, by more than this share of it, has missed or invented
+# the difference: runs of a weight of about this size would have had to find it.
+_AGREEMENT, _MISSED_WEIGHT = 0.25, 20.0
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True, eq=False)
 class Block:
-    """True runs that a surrogate proposed before it had seen them.
+    """True runs of one proposal, which was made before they were known.
+
+    The block's own estimate is ``surrogateProbability + mean(weights (failed - expected))``.
 
     Attributes
     ----------
-    proposal : Proposal
-        What the runs were drawn by.
-    corrections : array (n,)
-        ``w (1_F - pi)`` with the weights w of the runs and the surrogate's probabilities of failure pi.
-    claimedSquares : array (n,)
-        ``w^2 pi (1 - pi)``: the squared corrections by the surrogate's own account of its error.
-    weights : array (n,)
-        Standard normal density over the density of the runs.
     runs : Runs
+        n runs, with their weights and the surrogate's probabilities of failure there, 0 without a surrogate.
+    start : int
+        Number of true runs that were recorded before them.
+    known : int
+        Evaluations that the proposal was made from.
+    runVariance : float
+        Variance that one run was expected to have, before the block was made.
+    surrogateProbability, poolVariance : float
+        The surrogate's probability of failure, 0 without one, and the variance of its integration.
+    proposal : optional
+        The `Proposal` that the runs were drawn from, where there is a surrogate.
     """
 
-    proposal: Proposal
-    corrections: np.ndarray
-    claimedSquares: np.ndarray
-    weights: np.ndarray
     runs: Runs
-
-    @staticmethod
-    def of(proposal: Proposal, chosen: np.ndarray, weights: np.ndarray, runs: Runs) -> "Block":
-        """The block of runs at chosen points of the proposal's pool; the runs keep what they are worth."""
-        failure = proposal.failure[chosen]
-        runs.weights, runs.expected = weights, failure
-        return Block(proposal, weights * (runs.failed - failure), weights**2 * failure * (1.0 - failure), weights, runs)
+    start: int
+    known: int
+    runVariance: float
+    surrogateProbability: float = 0.0
+    poolVariance: float = 0.0
+    proposal: Any = None
 
     @property
     def size(self) -> int:
-        """Number of true runs."""
-        return len(self.weights)
+        """Number of true runs n."""
+        return len(self.runs)
+
+    @property
+    def corrections(self) -> np.ndarray:
+        """``w (1_F - pi)`` of the runs, (n,)."""
+        return self.runs.weights * (self.runs.failed - self.runs.expected)
+
+    @property
+    def leastSquares(self) -> np.ndarray:
+        """``w^2 pi (1 - pi)``, (n,): the squared corrections by the surrogate's own account of its error."""
+        return self.runs.weights**2 * self.runs.expected * (1.0 - self.runs.expected)
 
 
 class Estimate:
-    """Unbiased estimate from blocks, weighted by their sizes.
+    """The blocks' estimates combined.
+
+    The share of a block follows from its size, from the variance that its proposal expected and from the runs that this
+    one had seen, never from what the block's own runs gave, which would favour blocks that missed something.
+
+    The variance is the larger of the observed and the expected one, with the variance of the surrogate's integration
+    and the square of what one more run could have changed: the largest contribution of a run, or ``p / (1 + m)`` with
+    m the effective number of failures.
 
     Parameters
     ----------
@@ -68,57 +88,76 @@ class Estimate:
     def __init__(self, blocks: list[Block]) -> None:
         self.blocks = list(blocks)
         sizes = np.array([block.size for block in blocks], dtype=float)
-        total = sizes.sum()
-        share = sizes / total
-        corrections = np.concatenate([block.corrections for block in blocks])
-        claimed = np.concatenate([block.claimedSquares for block in blocks])
-        self._corrections = np.abs(corrections)
-        self.surrogateProbability = float(share @ [block.proposal.probability for block in blocks])
-        self.probability = self.surrogateProbability + float(corrections.mean())
-        centred = np.concatenate([block.corrections - block.corrections.mean() for block in blocks])
-        observed = float((centred**2).sum()) * total / max(total - len(blocks), 1.0)
-        # Runs that happened to agree with the surrogate do not make it more certain than it said that it was.
-        self.variance = max(observed, float(claimed.sum())) / total**2
-        # Blocks of the same pool share its error.
-        for proposal, mine in self._byPool():
-            self.variance += float(
-                (np.array([block.size for block in mine]) / total).sum() ** 2 * proposal.poolVariance
-            )
-        # Effective number of runs behind the variance (Satterthwaite): few large corrections make a long-tailed error.
-        contributions = corrections**2 + claimed
+        known = np.array([block.known for block in blocks], dtype=float)
+        own = np.array([block.surrogateProbability for block in blocks])
+        expected = np.array([block.runVariance for block in blocks])
+        means = own + [block.corrections.mean() for block in blocks]
+        latest = own[-1] if own[-1] > 0.0 else float(means[-1])
+        missed = np.where(own > 0.0, np.maximum(np.abs(own - latest) - _AGREEMENT * latest, 0.0), 0.0)
+        expected = expected + _MISSED_WEIGHT * missed
+        shares = sizes * known / np.maximum(expected, max((0.5 * latest) ** 2, 1e-300))
+        self.shares = shares / shares.sum()
+        self.probability = float(self.shares @ means)
+        self.surrogateProbability = float(self.shares @ own)
+        factors = self.shares / sizes
+        corrections = [factor * block.corrections for factor, block in zip(factors, blocks, strict=True)]
+        observed = sum(
+            block.size / max(block.size - 1, 1) * float(((part - part.mean()) ** 2).sum())
+            for part, block in zip(corrections, blocks, strict=True)
+        )
+        self._corrections = np.concatenate(corrections)
+        failed = np.concatenate([block.runs.failed for block in blocks])
+        weights = np.concatenate([factor * block.runs.weights for factor, block in zip(factors, blocks, strict=True)])
+        self._failedWeights = weights[failed]
+        squares = float((self._failedWeights**2).sum())
+        self.effectiveFailures = float(self._failedWeights.sum()) ** 2 / squares if squares > 0.0 else 0.0
+        sampled = max(observed, float((self.shares**2 * expected / sizes).sum()))
+        largest = float(np.abs(self._corrections).max())
+        self._doubt = max(self.probability / (1.0 + self.effectiveFailures), largest) ** 2
+        self.variance = sampled + self._doubt
+        self.variance += sum(
+            sum(self.shares[j] for j in rows) ** 2 * self.blocks[rows[0]].poolVariance for rows in self._byPool()
+        )
+        # Effective number of runs behind the sampled variance (Satterthwaite): few large corrections make a long-tailed
+        # error, as far as they are a part of it.
+        least = np.concatenate([factor**2 * block.leastSquares for factor, block in zip(factors, blocks, strict=True)])
+        contributions = self._corrections**2 + least
         squares = float((contributions**2).sum())
-        self.freedom = max(float(contributions.sum()) ** 2 / squares, 1.0) if squares > 0.0 else math.inf
-        self.failures = int(sum(block.runs.failed.sum() for block in blocks))
-        self.size = int(total)
+        self.freedom = math.inf
+        if squares > 0.0 and sampled > 0.0:
+            self.freedom = max(float(contributions.sum()) ** 2 / squares, 1.0) * (self.variance / sampled) ** 2
+        self.failures = int(failed.sum())
+        self.size = int(sizes.sum())
 
-    def _byPool(self) -> list[tuple[Proposal, list[Block]]]:
-        """The blocks of each pool, with the proposal of the first one."""
-        groups: dict[int, list[Block]] = {}
-        for block in self.blocks:
-            groups.setdefault(id(block.proposal.pool), []).append(block)
-        return [(mine[0].proposal, mine) for mine in groups.values()]
+    def _byPool(self) -> list[list[int]]:
+        """Positions of the blocks of each pool, whose error they share."""
+        groups: dict[int, list[int]] = {}
+        for j, block in enumerate(self.blocks):
+            groups.setdefault(id(block.proposal) if block.proposal is not None else -j - 1, []).append(j)
+        return list(groups.values())
+
+    def mark(self, runs: Runs) -> None:
+        """Write into all recorded runs what each is worth, so that the estimate is the surrogate's probability plus the
+        mean of ``weights (failed - expected)`` over the runs with a weight."""
+        runs.weights[:], runs.expected[:] = np.nan, 0.0
+        for share, block in zip(self.shares, self.blocks, strict=True):
+            rows = slice(block.start, block.start + block.size)
+            runs.weights[rows] = block.runs.weights * share * self.size / block.size
+            runs.expected[rows] = block.runs.expected
 
     def paretoShape(self) -> float:
         """Shape of the tail of the corrections, see `paretoShape`."""
-        return paretoShape(self._corrections)
+        return paretoShape(np.abs(self._corrections))
+
+    def hasLightTail(self, target: float = 0.0) -> bool:
+        """Whether mean and variance of the corrections can be trusted: their tail is not too heavy, or none of them is
+        of a size that matters at a target coefficient of variation."""
+        negligible = float(np.abs(self._corrections).max()) <= _NEGLIGIBLE_SHARE * target * self.probability
+        return negligible or self.paretoShape() <= _LARGEST_PARETO_SHAPE
 
     def coefficientOfVariation(self) -> float:
         """Standard deviation over the estimate; infinite where the estimate is not positive."""
         return math.sqrt(self.variance) / self.probability if self.probability > 0.0 else math.inf
-
-    def reaches(self, target: float) -> bool:
-        """Whether the coefficient of variation is at most the target, and enough stands behind it to be believed."""
-        return (
-            self.coefficientOfVariation() <= target
-            and self.failures >= _MINIMUM_FAILURES
-            and len(self.blocks) >= MINIMUM_BLOCKS
-            and self.paretoShape() <= _LARGEST_PARETO_SHAPE
-        )
-
-    def agrees(self, proposal: Proposal) -> bool:
-        """Whether another surrogate's probability lies within five standard deviations of the estimate."""
-        deviation = math.sqrt(self.variance + proposal.poolVariance) + 0.02 * abs(self.probability)
-        return abs(proposal.probability - self.probability) <= _AGREEMENT * deviation
 
     def confidenceInterval(self) -> ConfidenceInterval:
         """What the interval follows from."""
@@ -131,8 +170,11 @@ class Estimate:
     def makeFailureSample(self, limitState: LimitStateEvent, generator: np.random.Generator) -> FailureSample:
         """The estimate as weighted points: the surrogate's failures, and the true runs' corrections of them."""
         parts = []
-        for proposal, mine in self._byPool():
-            share = sum(block.size for block in mine) / self.size
+        for rows in self._byPool():
+            proposal = self.blocks[rows[0]].proposal
+            if proposal is None:
+                continue
+            share = float(self.shares[rows].sum())
             size = max(int(_SURROGATE_POINTS * share), 500)
             products = proposal.pool.weights * proposal.failure
             chosen = generator.choice(len(products), size=size, p=products / products.sum())
@@ -149,32 +191,33 @@ class Estimate:
                 common=proposal.poolVariance / proposal.probability**2,
             )
             parts.append(part)
-        for block in self.blocks:
+        for share, block in zip(self.shares, self.blocks, strict=True):
+            factor, runs = share / block.size, block.runs
             parts.append(
                 FailureSample.ofGroup(
-                    block.runs.x,
-                    block.corrections / self.size,
-                    block.claimedSquares / self.size**2,
-                    block.runs.failed,
-                    block.weights,
+                    runs.x, factor * block.corrections, factor**2 * block.leastSquares, runs.failed, runs.weights
                 )
             )
-        return FailureSample.union(parts)
+        sample = FailureSample.union(parts)
+        # What one more run could have changed, as an error that the groups share by what they contribute.
+        totals = np.bincount(sample.groups, sample.weights)
+        positive = totals > 0.0
+        sample.common[positive] += self._doubt / (self.probability * totals[positive])
+        return sample
 
     def diagnose(self) -> dict[str, float]:
         """Numbers that tell how far the estimate can be trusted, see `ActiveSubspaceReliabilityResult`."""
-        weights = np.concatenate([block.weights for block in self.blocks])
         failed = np.concatenate([block.runs.failed for block in self.blocks])
         expected = np.concatenate([block.runs.expected for block in self.blocks])
-        failedWeights = weights[failed]
-        total = failedWeights.sum()
+        surrogate = np.concatenate([np.full(block.size, block.proposal is not None) for block in self.blocks])
+        total = float(self._failedWeights.sum())
         return {
-            "effective sample size": float(total**2 / (failedWeights**2).sum()) if total > 0.0 else 0.0,
-            "largest weight share": float(failedWeights.max() / total) if total > 0.0 else 1.0,
+            "effective sample size": self.effectiveFailures,
+            "largest weight share": float(self._failedWeights.max()) / total if total > 0.0 else 1.0,
             "Pareto k": self.paretoShape(),
-            "true failures": float(failed.sum()),
-            "plain importance sampling": float((weights * failed).mean()),
-            "missed failures": float(np.count_nonzero(failed & (expected < 0.01))),
+            "true failures": float(self.failures),
+            "plain importance sampling": total,
+            "missed failures": float(np.count_nonzero(failed & surrogate & (expected < 0.01))),
         }
 
 

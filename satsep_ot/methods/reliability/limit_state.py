@@ -10,7 +10,7 @@ import openturns as ot
 
 from satsep_ot.methods.common.margins import thresholdMargin
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
-from satsep_ot.openturns_adapter import callFunction, eventKind, raiseInterrupt
+from satsep_ot.openturns_adapter import callFunction, eventKind, hasGradient, raiseInterrupt
 
 NON_FINITE_POLICIES = ("raise", "failure", "safe")
 
@@ -171,10 +171,13 @@ class LimitStateEvent:
                 f"the policy for non-finite outputs is {nonFinitePolicy!r}; give one of {NON_FINITE_POLICIES}"
             )
         self._checkValue = None
+        self.complement = False
         self.nonFinitePolicy = nonFinitePolicy
         self.nonFiniteNumber = 0
+        self.unknownNumber = 0
         kind = eventKind(event)
         limit = Limit.of(event)
+        self.hasExactGradient = hasGradient(limit.function if function is None else function)
         self.space = StandardSpace(nameInputs(limit.vector.getDistribution(), limit.function))
         self.distribution = self.space.getDistribution()
         self.dimension = self.space.getDimension()
@@ -231,7 +234,7 @@ class LimitStateEvent:
         undefined = np.isnan(margin)
         if undefined.any():
             raise RuntimeError(f"{rule}: it is not a number at {ot.Point(values[undefined.argmax()])}")
-        return margin
+        return -margin if self.complement else margin
 
     def dropUnusedOutputs(self, outputs: np.ndarray) -> None:
         """Do not model outputs whose change by six standard deviations leaves these runs' limit state as it is."""
@@ -270,10 +273,22 @@ class LimitStateEvent:
             )
         return 1
 
-    def evaluate(self, u: np.ndarray, phase: str = "") -> Runs:
-        """One true run at each point (n, d) of standard space."""
+    def evaluate(self, u: np.ndarray, phase: str = "", exploring: bool = False) -> Runs:
+        """One true run at each point (n, d) of standard space.
+
+        Parameters
+        ----------
+        u : array (n, d)
+        phase : str
+        exploring : bool
+            Where the policy is to raise, a run that is not finite counts as safe and as unknown instead: it was asked
+            for where inputs are not likely.
+        """
         x = self.space.toPhysical(u)
-        outputs = callFunction(self.function, x)
+        return self.runsOf(u, x, callFunction(self.function, x), phase, exploring)
+
+    def runsOf(self, u: np.ndarray, x: np.ndarray, outputs: np.ndarray, phase: str, exploring: bool) -> Runs:
+        """Runs of given outputs (n, p), see `evaluate`."""
         margins = np.full(len(outputs), np.nan)
         failed = np.zeros(len(outputs), dtype=bool)
         finite = np.isfinite(outputs).all(axis=1)
@@ -283,16 +298,46 @@ class LimitStateEvent:
             failed[finite] = margins[finite] <= 0.0
         if not finite.all():
             row = int(np.argmin(finite))
-            if self.nonFinitePolicy == "raise":
+            if self.nonFinitePolicy != "raise":
+                failed[~finite] = self.nonFinitePolicy == "failure"
+                self.nonFiniteNumber += int(np.count_nonzero(~finite))
+            elif exploring:
+                self.unknownNumber += int(np.count_nonzero(~finite))
+            else:
                 raise ValueError(
                     f"{np.count_nonzero(~finite)} of {len(x)} runs gave a value that is not finite, the first is row "
                     f"{row}: input {self._describe(x[row])}, output {outputs[row].tolist()}; setNonFinitePolicy can "
                     "count such runs as failures or as safe"
                 )
-            failed[~finite] = self.nonFinitePolicy == "failure"
-            self.nonFiniteNumber += int(np.count_nonzero(~finite))
         size = len(outputs)
+        if self.complement:
+            margins, failed = -margins, ~failed
         return Runs(u, x, outputs, margins, failed, finite, np.full(size, phase), np.full(size, np.nan), np.zeros(size))
+
+    def exactGradient(self, u: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+        """Gradient (d,) of the limit state at a point of standard space, by the function's own gradient.
+
+        Parameters
+        ----------
+        u : array (d,)
+        outputs : array (p,)
+            Of the function there.
+        """
+        jacobian = np.array(self.function.gradient(self.space.toPhysical(u[None])[0]))
+        steps = 1e-6 * np.maximum(np.abs(outputs), np.linalg.norm(jacobian, axis=0))
+        steps = np.where(steps > 0.0, steps, 1e-6)
+        margins = self._margin(np.vstack([outputs, outputs + np.diag(steps)]))
+        slopes = (margins[1:] - margins[0]) / steps
+        gradient = self.space.chainGradient(u[None], jacobian[None])[0] @ slopes
+        return -gradient if self.complement else gradient
+
+    def takeComplement(self) -> None:
+        """From now on failures are the runs in which the event does not happen; again: in which it does."""
+        self.complement = not self.complement
+
+    def failsWhereNotFinite(self) -> bool:
+        """Whether a run without a finite value counts as a failure of the event, or of its complement."""
+        return (self.nonFinitePolicy == "failure") != self.complement
 
     def _describe(self, x):
         names = self.distribution.getDescription()

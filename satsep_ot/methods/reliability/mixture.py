@@ -25,7 +25,8 @@ def normalLogDensity(y: np.ndarray) -> np.ndarray:
     return -0.5 * (y**2).sum(axis=1) - 0.5 * y.shape[1] * _LOG_2PI
 
 
-def _logSumExp(logs):
+def logSumExp(logs: np.ndarray) -> np.ndarray:
+    """Logarithm of the sum of exponentials of each row."""
     largest = logs.max(axis=1)
     return largest + np.log(np.exp(logs - largest[:, None]).sum(axis=1))
 
@@ -52,6 +53,7 @@ class GaussianMixture:
     def __init__(self, weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> None:
         self.weights = weights
         self.means = means
+        self.covariances = covariances
         self.factors = np.linalg.cholesky(covariances)
         self._inverses = np.linalg.inv(self.factors)
 
@@ -70,7 +72,7 @@ class GaussianMixture:
         # The components of all points at once can take hundreds of MiB.
         for start in range(0, len(y), _BLOCK):
             rows = slice(start, start + _BLOCK)
-            logs[rows] = _logSumExp(self.logComponents(y[rows]))
+            logs[rows] = logSumExp(self.logComponents(y[rows]))
         return logs
 
     def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
@@ -82,7 +84,6 @@ class GaussianMixture:
     def withDefence(self) -> "GaussianMixture":
         """This mixture, a widened copy of it and the standard normal: no weight can be larger than 1 over its share."""
         k = self.means.shape[1]
-        covariances = self.factors @ self.factors.transpose(0, 2, 1)
         return GaussianMixture(
             np.concatenate(
                 [
@@ -92,7 +93,7 @@ class GaussianMixture:
                 ]
             ),
             np.concatenate([self.means, self.means, np.zeros((1, k))]),
-            np.concatenate([covariances, 4.0 * covariances, np.eye(k)[None]]),
+            np.concatenate([self.covariances, 4.0 * self.covariances, np.eye(k)[None]]),
         )
 
 
@@ -123,7 +124,7 @@ class ModeMixture:
         for share, basis, mixture in zip(self.shares, self.bases, self.mixtures, strict=True):
             z = y @ basis
             columns.append(math.log(share) + mixture.logDensity(z) - normalLogDensity(z))
-        return normalLogDensity(y) + _logSumExp(np.column_stack(columns))
+        return normalLogDensity(y) + logSumExp(np.column_stack(columns))
 
     def sample(self, size: int, generator: np.random.Generator) -> np.ndarray:
         """Independent points, (size, k)."""
@@ -158,7 +159,7 @@ def fitGaussianMixture(
     earlier = -math.inf
     for _ in range(iterations):
         logs = mixture.logComponents(points)
-        density = _logSumExp(logs)
+        density = logSumExp(logs)
         if density.mean() < earlier + 3e-3:
             break
         earlier = float(density.mean())

@@ -5,10 +5,15 @@ import enum
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.reliability.limit_state import Runs
+from satsep_ot.methods.reliability.sensitivity import FailureSample
+
+# Phases whose runs follow the distribution of the inputs itself.
+NOMINAL_PHASES = ("learning", "Monte Carlo")
 
 
 class Ending(enum.Enum):
@@ -23,6 +28,8 @@ class Ending(enum.Enum):
 
     TARGET_REACHED = "the target coefficient of variation, {target}, was reached"
     EVALUATIONS_USED = "the maximum number of evaluations, {maximum}, was reached"
+    ABOVE_ALLOWED = "the probability is above the allowed one, {allowed}, with 95 % confidence over all looks"
+    BELOW_ALLOWED = "the probability is below the allowed one, {allowed}, with 95 % confidence over all looks"
     STOPPED = "stopped by the stop callback"
     CONSTANT = "the event's variable is constant in the first {first} runs, so nothing can be learnt"
     NEVER_FINITE = "the event's variable is not finite in any of the first {first} runs, so nothing can be learnt"
@@ -76,7 +83,7 @@ class ReliabilityOutcome:
         The estimate and its variance.
     interval : ConfidenceInterval
     surrogateProbability : float or None
-        The surrogate's own probability, not corrected.
+        The surrogate's own probability, not corrected; 1 where it is of the complement and there is no surrogate.
     phases : dict of str to int
         Evaluations of each phase.
     diagnostics : dict of str to float
@@ -87,8 +94,8 @@ class ReliabilityOutcome:
     reason : str
         The ending in words, with what else is to be known of the estimate.
     unseenBound : float or None
-        A failure region that no run has reached may have a probability up to this, and the interval says nothing of
-        it. None where the interval covers it, or the estimate is larger.
+        Of a result of version 0.1.0: a failure region that no run has reached may have a probability up to this, and
+        the interval says nothing of it. None where the interval covers it, or the estimate is larger.
     levelReached : float or None
         Probability of the last level of a subset simulation that found no failure: an estimate, no bound.
     runs : Runs
@@ -99,6 +106,12 @@ class ReliabilityOutcome:
     failureSample : Deferred or None
         The `FailureSample`; None after subset simulation.
     outputDescription : list of str
+    audits : int
+        Wide runs that looked in all directions for failures that the estimate lacks.
+    auditSpread : float
+        Standard deviation of the last of them, in standard space.
+    gradients : int
+        Exact gradients that were used.
     """
 
     event: Any
@@ -120,3 +133,22 @@ class ReliabilityOutcome:
     view: Deferred | None
     failureSample: Deferred | None
     outputDescription: list[str]
+    audits: int = 0
+    auditSpread: float = 0.0
+    gradients: int = 0
+
+    def ofComplement(self) -> "ReliabilityOutcome":
+        """The outcome of the event itself, where this one is of its complement."""
+        runs = dataclasses.replace(
+            self.runs, failed=~self.runs.failed, margins=-self.runs.margins, expected=1.0 - self.runs.expected
+        )
+        nominal = np.isin(runs.phases, NOMINAL_PHASES)
+        return dataclasses.replace(
+            self,
+            probability=1.0 - self.probability,
+            interval=dataclasses.replace(self.interval, complement=not self.interval.complement),
+            surrogateProbability=1.0 - (self.surrogateProbability or 0.0),
+            runs=runs,
+            history=[(number, 1.0 - p, 1.0 - upper, 1.0 - lower) for number, p, lower, upper in self.history],
+            failureSample=Deferred(lambda: FailureSample.ofMonteCarlo(runs.x[nominal], runs.failed[nominal])),
+        )

@@ -13,28 +13,37 @@ from collections.abc import Callable
 import numpy as np
 from scipy.special import ndtr
 
+from satsep_ot.methods.reliability.audits import auditSpread
 from satsep_ot.methods.reliability.mixture import (
     GaussianMixture,
     ModeMixture,
+    fitGaussianMixture,
     fitImportantRegion,
     normalLogDensity,
 )
 from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate
 
-# A polynomial that fails nowhere within six standard deviations has not seen the failures.
-_SMALLEST_PROBABILITY = 1e-10
+# Below this the arithmetic ends.
+_SMALLEST_PROBABILITY = 1e-250
+# A point is reached where the density is so much of that of failures on average.
+_REACHED_SHARE = 0.01
 # Points that stand for the distribution of the active variables. So many times more are taken where their error would
 # be more than this share of the target.
-_POOL_SIZE, _LARGEST_POOL_FACTOR, _POOL_SHARE = 20_000, 25.0, 0.3
+_POOL_SIZE, _POOL_SHARE = 5_000, 0.4
 # Up to so many active directions one mixture finds all modes by itself.
 _SINGLE_SPACE = 3
 # One mode alone is found with few points.
 _MODE_POINTS = 3000
-# Share of an estimate's runs that follow the distribution of the inputs itself.
-NOMINAL_SHARE = 0.1
-# More failures are planned than the stop needs: to stop where failures happened to be many, and to go on where they
-# happened to be few, would bias the estimate.
-_PLANNED_FAILURES = 100
+# Share of the runs that follow the distribution of the inputs itself.
+NOMINAL_SHARE = 0.05
+# Shares of the runs that go to the surrogate's failures, and where it is unsure, at three widths in its own errors:
+# while the limit is learnt, and when failures are to be confirmed.
+_WIDTHS = (1.5, 4.0, 12.0)
+_LEARNING, _CONFIRMING = np.array([0.35, 0.30, 0.18, 0.12]), np.array([0.72, 0.12, 0.07, 0.04])
+# Runs after which a limit that is learnt is to be exact enough.
+_LEARNING_RUNS = 20.0
+# The earlier mixture does where this share of its points is effective, wide points among them.
+_LEAST_EFFECTIVE_SHARE, _WIDE_SHARE = 0.03, 0.3
 
 
 @dataclasses.dataclass
@@ -88,55 +97,45 @@ class Proposal:
     Attributes
     ----------
     surrogate : LimitStateSurrogate
+    mixture : GaussianMixture or ModeMixture
+        That the pool was drawn from.
     pool : Pool
         Population of N points that the runs are drawn from.
     failure : array (N,)
         The surrogate's probability of failure at the points of the pool.
     probability, poolVariance : float
         The surrogate's probability of failure and the variance of its integration over the pool.
-    selection, exploration : array (N,)
-        Probabilities of the pool's points, for runs of the estimate and, wider, for runs to learn from.
+    selection : array (N,)
+        Probabilities of the pool's points.
     """
 
     surrogate: LimitStateSurrogate
+    mixture: GaussianMixture | ModeMixture
     pool: Pool
     failure: np.ndarray
     probability: float
     poolVariance: float
     selection: np.ndarray
-    exploration: np.ndarray
 
-    def draw(
-        self, selection: np.ndarray, size: int, generator: np.random.Generator
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def draw(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (size, d) of standard space, their positions in the pool and their weights."""
-        chosen, weights = self.pool.select(selection, size, generator)
+        chosen, weights = self.pool.select(self.selection, size, generator)
         return self.surrogate.expand(self.pool.points[chosen], generator), chosen, weights
+
+    def reaches(self, u: np.ndarray) -> np.ndarray:
+        """Whether points (n, d) of the limit are drawn about as often as failures are, (n,)."""
+        y = self.surrogate.reduce(u)
+        return self.mixture.logDensity(y) - normalLogDensity(y) > math.log(_REACHED_SHARE / self.probability)
 
     def runVariance(self) -> float:
         """Variance that one true run is expected to add to the correction."""
         weights = self.pool.weights / (len(self.selection) * np.maximum(self.selection, 1e-300))
         return float((self.selection * weights**2 * self.failure * (1.0 - self.failure)).sum())
 
-    def failureShare(self) -> float:
-        """Share of failures among the true runs, as the surrogate expects it."""
-        return float((self.selection * self.failure).sum())
-
     def runsNeeded(self, target: float) -> float:
         """Runs to this coefficient of variation, as far as the surrogate knows."""
         allowed = (target * self.probability) ** 2 - self.poolVariance
         return self.runVariance() / allowed if allowed > 0.0 else math.inf
-
-    def runsForFailures(self) -> float:
-        """Runs until as many have failed as are planned."""
-        return _PLANNED_FAILURES / max(self.failureShare(), 0.05)
-
-    def losesToSubsetSimulation(self, remaining: int, target: float) -> bool:
-        """Whether subset simulation would be more exact with the remaining runs, by its usual error (Au and Beck)."""
-        ours = math.sqrt(self.runVariance() / max(remaining, 1)) / self.probability
-        levels = max(-math.log10(min(self.probability, 0.1)), 1.0)
-        subset = levels * math.sqrt(9.0 * 3.0 * levels / max(remaining, 1))
-        return ours > max(subset, target)
 
 
 def propose(
@@ -144,6 +143,7 @@ def propose(
     target: float,
     generator: np.random.Generator,
     withNonFinite: Callable[[np.ndarray], np.ndarray],
+    previous: Proposal | None = None,
 ) -> Proposal | None:
     """Where to run next; None where the surrogate shows no failure region.
 
@@ -155,13 +155,19 @@ def propose(
     generator : :py:class:`numpy.random.Generator`
     withNonFinite : callable
         Corrects the surrogate's probabilities of failure (n,) for runs without a finite value.
+    previous : Proposal, optional
+        Of an earlier surrogate: where its mixture still covers the failures, it need not be searched anew.
     """
     k = surrogate.dimension()
     if k == 0:
         return None
-    mixture = fitModes(surrogate, generator) if k > _SINGLE_SPACE and not surrogate.radial else None
+    mixture = _followed(surrogate, generator, previous)
+    if mixture is None and k > _SINGLE_SPACE and not surrogate.radial:
+        mixture = fitModes(surrogate, generator)
     if mixture is None:
-        mixture = fitImportantRegion(lambda y: surrogate.limitState(y, exact=False), k, generator)
+        mixture = fitImportantRegion(
+            lambda y: surrogate.limitState(y, exact=False), k, generator, size=surrogate.searchPoints
+        )
     if mixture is None:
         return None
     factor = 1.0
@@ -173,21 +179,57 @@ def propose(
         if probability < _SMALLEST_PROBABILITY:
             return None
         missing = variance / (_POOL_SHARE * target * probability) ** 2
-        if missing <= 1.0 or factor == _LARGEST_POOL_FACTOR:
+        if missing <= 1.0 or factor == surrogate.largestPoolFactor:
             break
-        factor = min(1.2 * missing * factor, _LARGEST_POOL_FACTOR)
+        factor = min(1.2 * missing * factor, surrogate.largestPoolFactor)
 
-    def band(width):
+    bands = [failure]
+    for width in _WIDTHS:
         share = ndtr(-value / (width * scale))
-        return np.sqrt(share * (1.0 - share))
+        bands.append(np.sqrt(share * (1.0 - share)))
+    everywhere = (NOMINAL_SHARE, np.ones(len(value)))
 
-    everywhere = np.ones(len(value))
-    near, far = band(4.0), band(12.0)
-    selection = pool.selection(
-        [(NOMINAL_SHARE, everywhere), (0.15, failure), (0.35, band(1.5)), (0.25, near), (0.15, far)]
+    def proposal(shares):
+        selection = pool.selection([everywhere, *zip(shares, bands, strict=True)])
+        return Proposal(surrogate, mixture, pool, failure, probability, variance, selection)
+
+    learning = proposal(_LEARNING)
+    # Where the labels are nearly certain, runs confirm failures; elsewhere they learn the limit.
+    doubt = min(math.sqrt(learning.runVariance() / _LEARNING_RUNS) / (probability * target), 1.0)
+    return proposal(doubt * _LEARNING + (1.0 - doubt) * _CONFIRMING)
+
+
+def _followed(surrogate, generator, previous):
+    """The mixture of an earlier proposal in the same variables, moved to the failures as they are seen now."""
+    if previous is None or not isinstance(previous.mixture, GaussianMixture):
+        return None
+    earlier = previous.surrogate
+    if surrogate.dimension() != earlier.dimension() or surrogate.radial != earlier.radial:
+        return None
+    # The same directions in another order or sign would be other variables.
+    if surrogate.directions.shape[1] and not np.allclose(
+        np.abs((surrogate.directions * earlier.directions).sum(axis=0)), 1.0, atol=0.1
+    ):
+        return None
+    # Wide points beside it: the surrogate may have learnt of another region.
+    k, mixture = surrogate.dimension(), previous.mixture
+    wide = auditSpread(previous.probability) ** 2 * np.eye(k)[None]
+    wider = GaussianMixture(
+        np.append((1.0 - _WIDE_SHARE) * mixture.weights, _WIDE_SHARE),
+        np.vstack([mixture.means, np.zeros((1, k))]),
+        np.concatenate([mixture.covariances, wide]),
     )
-    exploration = pool.selection([(0.15, everywhere), (0.15, failure), (0.35, near), (0.35, far)])
-    return Proposal(surrogate, pool, failure, probability, variance, selection, exploration)
+    pool = Pool.draw(wider, _POOL_SIZE // 2, generator)
+    value, scale = surrogate.limitState(pool.points, exact=False)
+    weights = pool.weights * ndtr(-value / (2.0 * scale))
+    if not weights.max() > 0.0:
+        return None
+    weights /= weights.max()
+    total = float(weights.sum())
+    if total**2 / float((weights**2).sum()) < _LEAST_EFFECTIVE_SHARE * len(weights):
+        return None
+    chosen = generator.choice(len(weights), size=1000, p=weights / total)
+    return fitGaussianMixture(pool.points[chosen], generator).withDefence()
 
 
 def fitModes(surrogate: LimitStateSurrogate, generator: np.random.Generator) -> ModeMixture | None:
@@ -208,7 +250,7 @@ def fitModes(surrogate: LimitStateSurrogate, generator: np.random.Generator) -> 
         )
         if mixture is None:
             continue
-        pool = Pool.draw(mixture, _POOL_SIZE // 20, generator)
+        pool = Pool.draw(mixture, _POOL_SIZE // 5, generator)
         value, scale = part.limitState(pool.points, exact=False)
         mixtures.append(mixture)
         bases.append(surrogate.directions.T @ part.directions)

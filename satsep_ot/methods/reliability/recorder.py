@@ -78,12 +78,41 @@ class RunRecorder:
         self._serveCallbacks()
         return runs
 
+    def explore(self, u: np.ndarray, phase: str) -> Runs:
+        """True runs at points (n, d) that may be far from where inputs are likely.
+
+        A run in which the function fails, or which is not finite, counts as unknown, and as safe; where the policy for
+        runs that are not finite is another one than to raise, these follow it.
+
+        Raises
+        ------
+        Stopped
+            The stop callback asked for it; the runs are kept.
+        """
+        try:
+            runs = self._limitState.evaluate(u, phase, exploring=True)
+        except Exception as error:
+            raiseInterrupt(error)
+            if len(u) > 1:
+                # One point alone may be the reason.
+                return Runs.concatenate([self.explore(point[None], phase) for point in u])
+            outputs = np.full((1, self._limitState.function.getOutputDimension()), np.nan)
+            runs = self._limitState.runsOf(u, self._limitState.space.toPhysical(u), outputs, phase, exploring=True)
+        self._keep(runs, phase)
+        self._serveCallbacks()
+        return runs
+
     def evaluateNominal(self, size: int, phase: str) -> Runs:
         """So many true runs drawn from the distribution of the inputs itself."""
         runs = self._make(self._generator.standard_normal((size, self._limitState.dimension)), phase)
         self.nominal.append(runs)
         self._serveCallbacks()
         return runs
+
+    def takeComplement(self) -> None:
+        """The runs so far, seen from the complement of the event."""
+        for part in self.blocks:
+            part.margins, part.failed = -part.margins, ~part.failed
 
     def checkComposition(self, runs: Runs) -> None:
         """Compare the composition of one of these runs with the event's own function, which is an evaluation more.
@@ -113,9 +142,12 @@ class RunRecorder:
                 f"the function failed in the phase {phase!r}, in a block of {len(u)} runs of which none is kept; "
                 f"{before}: {errorMessage(error)}"
             ) from error
+        self._keep(runs, phase)
+        return runs
+
+    def _keep(self, runs, phase):
         self.blocks.append(runs)
         self.phases[phase] = self.phases.get(phase, 0) + len(runs)
-        return runs
 
     def _serveCallbacks(self):
         settings = self._settings

@@ -110,7 +110,7 @@ class ActiveSubspaceReliabilityResult:
 
     def getSurrogateProbability(self) -> float | None:
         """The surrogate's own probability, **not** corrected and without a guarantee; None without a surrogate."""
-        return self._outcome.surrogateProbability
+        return self._outcome.surrogateProbability if self._outcome.method == "ActiveSubspace" else None
 
     def getEvaluationNumber(self, phase: str | None = None) -> int:
         """Number of true runs, of all phases or of one (see `getPhases`)."""
@@ -125,12 +125,38 @@ class ActiveSubspaceReliabilityResult:
         return dict(self._outcome.phases)
 
     def getGradientNumber(self) -> int:
-        """Number of gradients: 0, the directions are found without."""
-        return 0
+        """Number of exact gradients that were used to find failure modes; differences of runs count as runs."""
+        return self._outcome.gradients
+
+    def getAuditNumber(self) -> int:
+        """Number of wide runs, which looked in all directions for failures that the estimate lacks."""
+        return self._outcome.audits
+
+    def getAuditSpread(self) -> float:
+        """Standard deviation of the last wide runs, in standard space; 0 where there were none."""
+        return self._outcome.auditSpread
+
+    def computeEscapeProbability(self, share: float) -> float:
+        """Probability that all wide runs miss a failure region that a share of such runs would hit.
+
+        It is that of independent wide runs, ``(1 - share)^m``; these are spread more evenly and miss less.
+
+        Parameters
+        ----------
+        share : float
+            Probability of the region under N(0, s^2 I) in standard space, s the spread of the wide runs.
+        """
+        if not 0.0 <= share <= 1.0:
+            raise ValueError(f"the share is {share}; it must lie between 0 and 1")
+        return (1.0 - share) ** self._outcome.audits
 
     def getMethod(self) -> str:
-        """``"ActiveSubspace"``, or ``"SubsetSimulation"`` after a hand-over, or ``"MonteCarlo"`` where nothing was
-        found: neither by that nor in a constant."""
+        """Where the estimate comes from.
+
+        ``"ActiveSubspace"``: a surrogate corrected by true runs. ``"ImportanceSampling"``: true runs around failure
+        modes, where no surrogate does. ``"SubsetSimulation"``, or ``"MonteCarlo"`` where nothing was found: neither by
+        that nor in a constant.
+        """
         return self._outcome.method
 
     def getActiveDimensions(self) -> list[int]:
@@ -147,8 +173,9 @@ class ActiveSubspaceReliabilityResult:
         ``effective sample size`` and ``largest weight share`` of the weights of the failed runs, ``Pareto k`` of the
         corrections (above 0.7 the interval is not to be trusted), ``true failures``, ``calibration`` (root mean square
         of the standardised errors of prediction of runs not yet seen, 1 when the surrogate knows its error), ``plain
-        importance sampling`` (the estimate without the surrogate), ``unseen bound`` (3 over the number of crude Monte
-        Carlo runs), ``missed failures`` (failed runs to which the surrogate gave less than 1 %), ``not finite``.
+        importance sampling`` (the estimate without the surrogate), ``missed failures`` (failed runs to which the
+        surrogate gave less than 1 %), ``modes`` (failure modes found, where the estimate is importance sampling), ``not
+        finite``, and ``no value`` (runs far from where inputs are likely in which the function failed).
         """
         return dict(self._outcome.diagnostics)
 
@@ -158,10 +185,17 @@ class ActiveSubspaceReliabilityResult:
 
     def getReason(self) -> str:
         """How the run ended, in a sentence, with what the estimate does not exclude."""
-        bound, sentence = self._outcome.unseenBound, self.getEndingSentence()
-        if bound is None:
-            return sentence
-        return f"{sentence}; a failure region of probability below {bound:.1e} that no run has reached is not excluded"
+        outcome, sentence = self._outcome, self.getEndingSentence()
+        if outcome.unseenBound is not None:
+            bound = f"{outcome.unseenBound:.1e}"
+            return f"{sentence}; a failure region of probability below {bound} that no run has reached is not excluded"
+        if outcome.audits and outcome.converged:
+            return (
+                f"{sentence}; {outcome.audits} runs of {outcome.auditSpread:.1f} times the spread of the inputs looked "
+                "in all directions: a region that a share x of such runs would hit escapes so many independent ones "
+                f"with a probability of (1 - x)^{outcome.audits}"
+            )
+        return sentence
 
     def getEndingSentence(self) -> str:
         """How the run ended, in a sentence, without what `getUnseenBound` says."""
@@ -172,9 +206,9 @@ class ActiveSubspaceReliabilityResult:
         return self._outcome.ending
 
     def getUnseenBound(self) -> float | None:
-        """Probability up to which a failure region that no run has reached is not excluded, nor in the interval.
+        """Of a result of version 0.1.0: probability up to which a region that no run has reached is not excluded.
 
-        None where the interval covers such a region, or where the estimate is larger than that.
+        None in other results, which say what their wide runs would have missed (`computeEscapeProbability`).
         """
         return self._outcome.unseenBound
 

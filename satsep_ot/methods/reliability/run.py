@@ -1,30 +1,39 @@
-"""One run of `ActiveSubspaceReliability`: its state, its phases, and how it ends."""
+"""One run of `ActiveSubspaceReliability`: its phases, and how it ends."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import openturns as ot
-from scipy.special import ndtr
 
 from satsep_ot.methods.common.intervals import ConfidenceInterval
-from satsep_ot.methods.reliability.estimate import MINIMUM_BLOCKS, Block, CrudeEstimate, Estimate
+from satsep_ot.methods.reliability.audits import WideDesign
+from satsep_ot.methods.reliability.estimate import CrudeEstimate, Estimate
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
+from satsep_ot.methods.reliability.mode_sampling import ModeSampling
 from satsep_ot.methods.reliability.outcome import Deferred, Ending, ReliabilityOutcome
-from satsep_ot.methods.reliability.proposal import NOMINAL_SHARE, Proposal, propose
+from satsep_ot.methods.reliability.proposal import NOMINAL_SHARE
 from satsep_ot.methods.reliability.recorder import RunRecorder, Stopped
 from satsep_ot.methods.reliability.sensitivity import FailureSample
 from satsep_ot.methods.reliability.settings import ReliabilitySettings
-from satsep_ot.methods.reliability.subset_simulation import SubsetEstimate, combineEstimates, runSubsetSimulation
-from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate
+from satsep_ot.methods.reliability.subset_simulation import runSubsetSimulation
+from satsep_ot.methods.reliability.surrogate import FEW_INPUTS
+from satsep_ot.methods.reliability.surrogate_sampling import SurrogateSampling, Verdict
 from satsep_ot.methods.reliability.surrogate_view import SurrogateView
 
-# Refits cost time: they come after this share of new runs.
-_REFIT_SHARE = 0.25
-# Learning goes on while a block of runs is expected to save more runs than it costs.
-_MAXIMUM_LEARNING_SHARE = 0.4
-# A surrogate that shows no failure after so many of them will not learn to.
-_UNEXPLAINED_FAILURES = 10
+# Wide runs of an estimate from a surrogate and of one from modes, and with targets that say less.
+_AUDITS = {"fast": (80, 250), "safe": (240, 500)}
+_AUDITS_OF_ROUGH_TARGETS, _ROUGH_TARGET = 32, 0.1
+# From this share of failures in the first runs on, the complement is estimated.
+_COMPLEMENT_SHARE = 0.6
+# Spread of the wide ones among the first runs.
+_FIRST_SPREAD = 2.0
+# Error of a verdict over all looks together.
+_VERDICT_ERROR = 0.05
+# Modes are given up for subset simulation where so many runs have brought no estimate of any use.
+_HOPELESS_RUNS, _HOPELESS_VARIATION = 0.4, 0.8
+_SUBSET_RUNS = 7 * 20
 
 
 class ReliabilityRun:
@@ -40,16 +49,12 @@ class ReliabilityRun:
     limitState : LimitStateEvent
     recorder : RunRecorder
         All true runs.
-    surrogate : LimitStateSurrogate or None
-        The last one that was fitted.
-    calibration : float or array (p,)
-        Factor on the surrogate's errors, from how far runs that it had not seen were off.
-    observedCalibration : float
-        Root mean square of the standardised errors of prediction of the last block.
-    blocks : list of Block
-        Those of the estimate.
-    subset : SubsetEstimate or None
-        Of the subset simulation that the mode "safe" starts with.
+    surrogateSampling : SurrogateSampling or None
+        The first phase.
+    modeSampling : ModeSampling or None
+        The second one, where the surrogate did not do.
+    history : list of tuple
+        After each block: number of runs, estimate, lower and upper bound at 95 %.
     """
 
     def __init__(self, event: Any, settings: ReliabilitySettings) -> None:
@@ -65,17 +70,12 @@ class ReliabilityRun:
         )
         self.generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
         self.recorder = RunRecorder(self.limitState, settings, self.generator)
-        self.blockSize = max(40, self.limitState.dimension)
-        self.initialSize = 2 * (self.limitState.dimension + 2)
-        self.nominalSpread = math.nan
-        self.surrogate: LimitStateSurrogate | None = None
-        self.weightWidth = math.nan
-        self.fittedAt = 0
-        self.calibration: Any = 1.0
-        self.observedCalibration = 1.0
-        self.blocks: list[Block] = []
+        self._wideDesign = WideDesign(self.limitState.dimension, self.generator)
+        self.initialSize = max(12, int(1.5 * self.limitState.dimension + 8))
+        self.surrogateSampling: SurrogateSampling | None = None
+        self.modeSampling: ModeSampling | None = None
         self.history: list[tuple[float, float, float, float]] = []
-        self.subset: SubsetEstimate | None = None
+        self._looks = 0
 
     def compute(self) -> ReliabilityOutcome:
         """Make the run.
@@ -87,7 +87,7 @@ class ReliabilityRun:
         RuntimeError
             The function failed, or the composition is not defined.
         """
-        smallest = self.initialSize + (MINIMUM_BLOCKS + 1) * self.blockSize
+        smallest = self.initialSize + 1
         if self.settings.maximumEvaluations < smallest:
             raise ValueError(
                 f"the maximum number of evaluations is {self.settings.maximumEvaluations}; with "
@@ -98,98 +98,125 @@ class ReliabilityRun:
         except Stopped:
             return self._conclude(Ending.STOPPED)
 
+    def _audits(self, phase):
+        number = _AUDITS[self.settings.mode][phase]
+        rough = self.settings.targetCoefficientOfVariation > _ROUGH_TARGET and self.settings.mode == "fast"
+        return _AUDITS_OF_ROUGH_TARGETS if rough and phase == 0 else number
+
     # The phases. -----------------------------------------------------------------------------------------------------
 
     def _computePhases(self):
         recorder, limitState = self.recorder, self.limitState
-        first = recorder.evaluateNominal(self.initialSize, "learning")
+        wide = self.initialSize // 2 if limitState.dimension <= FEW_INPUTS else 0
+        first = recorder.evaluateNominal(self.initialSize - wide, "learning")
         recorder.checkComposition(first)
-        margins = first.margins[first.finite]
+        if first.failed.mean() > _COMPLEMENT_SHARE:
+            limitState.takeComplement()
+            recorder.takeComplement()
+        if wide:
+            recorder.explore(self._wideDesign.draw(wide, _FIRST_SPREAD), "exploration")
+        runs = recorder.runs()
+        margins = runs.margins[runs.finite]
         if len(margins) == 0:
-            return self._concludeCrude(Ending.NEVER_FINITE)
-        if np.ptp(margins) == 0.0:
-            self._spendOnNominalRuns()
-            return self._concludeCrude(Ending.CONSTANT)
-        self.nominalSpread = float(margins.std())
-        limitState.dropUnusedOutputs(first.outputs[first.finite])
-        if self.settings.mode == "safe":
-            self.subset = self._simulateSubsets("subset", self.settings.maximumEvaluations // 3)
-        proposal = self._learn()
-        if proposal is None:
-            return self._handOver(Ending.NO_FAILURE_REGION)
-        if self._missesKnownFailures():
-            return self._handOver(Ending.FAILURES_MISSED)
-        return self._estimate(proposal)
+            return self._concludeCrude(Ending.NEVER_FINITE, spend=True)
+        if np.ptp(margins) > 0.0:
+            limitState.dropUnusedOutputs(runs.outputs[runs.finite])
+            ending = self._sampleBySurrogate()
+            if ending is not None:
+                return self._conclude(ending)
+        return self._sampleModes(constant=np.ptp(margins) == 0.0)
 
-    def _learn(self) -> Proposal | None:
-        """Fit, propose, run, refit: until more learning does not pay."""
-        recorder, target = self.recorder, self.settings.targetCoefficientOfVariation
-        limit = _MAXIMUM_LEARNING_SHARE * self.settings.maximumEvaluations + recorder.phases.get("subset", 0)
-        # Quartics through the first normal points would invent failures far out.
-        self._fit(maximumDegree=2 if self.settings.mode == "fast" else 4)
-        proposal = self._propose()
-        best, idle, earlier = math.inf, 0, 0.0
+    def _sampleBySurrogate(self) -> Ending | None:
+        """How the run ended in its first phase; None where the second one has to follow."""
+        settings, recorder = self.settings, self.recorder
+        self.surrogateSampling = sampling = SurrogateSampling(
+            recorder,
+            self.limitState,
+            self.generator,
+            self._wideDesign,
+            settings.targetCoefficientOfVariation,
+            settings.maximumEvaluations,
+            self._audits(0),
+        )
         while True:
-            size = max(self.blockSize, int(_REFIT_SHARE * recorder.used()))
-            if proposal is None:
-                u = self._drawWide(size)
-            else:
-                u = proposal.draw(proposal.exploration, size, self.generator)[0]
-            runs = recorder.evaluate(u, "learning")
-            trusted = self._calibrate(runs)
-            self._fit()
-            exhausted = recorder.used() + size > limit
-            # The search for the region is random and has a second chance.
-            proposal = self._propose() or self._propose()
-            if proposal is None:
-                if exhausted or recorder.failures("learning") >= _UNEXPLAINED_FAILURES:
-                    return None
-                continue
-            needed = proposal.runsNeeded(target)
-            idle = 0 if needed < best - self.blockSize else idle + 1
-            best = min(best, needed)
-            enough = needed <= proposal.runsForFailures() or idle >= 2
-            # A refit that moves the surrogate's probability has not been tested by runs that it had not seen.
-            stable = abs(proposal.probability - earlier) < 0.15 * proposal.probability
-            earlier = proposal.probability
-            if exhausted or (trusted and stable and enough):
-                return proposal
+            if recorder.remaining() < 2:
+                return Ending.EVALUATIONS_USED
+            blocks = len(sampling.blocks)
+            verdict = sampling.step()
+            if verdict is Verdict.REACHED:
+                return Ending.TARGET_REACHED
+            if verdict is not Verdict.GOES_ON:
+                return None
+            if len(sampling.blocks) > blocks:
+                ending = self._note(Estimate(sampling.blocks), sampling.settle)
+                if ending is not None:
+                    return ending
 
-    def _estimate(self, proposal: Proposal) -> ReliabilityOutcome:
-        """Unbiased blocks, each new to the surrogate that proposed it, until the target is reached."""
-        recorder, target = self.recorder, self.settings.targetCoefficientOfVariation
-        if proposal.losesToSubsetSimulation(recorder.remaining(), target):
-            return self._handOver(Ending.POOR_SURROGATE)
-        while True:
-            size = self._nextSize(proposal)
-            if size < 2:
-                return self._conclude(Ending.EVALUATIONS_USED)
-            u, chosen, weights = proposal.draw(proposal.selection, size, self.generator)
-            runs = recorder.evaluate(u, "estimation")
-            self.blocks.append(Block.of(proposal, chosen, weights, runs))
-            estimate = Estimate(self.blocks)
-            self.history.append((float(recorder.used()), estimate.probability, *estimate.interval(0.95)))
-            if estimate.reaches(target):
+    def _sampleModes(self, constant: bool) -> ReliabilityOutcome:
+        """Importance sampling around failure modes, in which the estimate starts anew."""
+        settings, recorder = self.settings, self.recorder
+        self.modeSampling = sampling = ModeSampling(
+            recorder,
+            self.limitState,
+            self.generator,
+            self._wideDesign,
+            settings.maximumEvaluations,
+            self._audits(1),
+            0 if self.surrogateSampling is None else self.surrogateSampling.audited,
+        )
+        runs = recorder.runs()
+        self.history = []
+        if not sampling.explore(runs.u[runs.failed]):
+            return self._handOver(Ending.CONSTANT if constant else Ending.NO_FAILURE_REGION)
+        start = recorder.used()
+        while recorder.remaining() > 1:
+            estimate = sampling.makeBlock()
+            if estimate.coefficientOfVariation() <= settings.targetCoefficientOfVariation and sampling.settle():
+                self._note(estimate, lambda: True)
                 return self._conclude(Ending.TARGET_REACHED)
-            self._calibrate(runs)
-            if recorder.used() < (1.0 + _REFIT_SHARE) * self.fittedAt:
-                continue
-            self._fit()
-            # Without a refit's proposal the earlier one stays valid. So it does where a refit contradicts the unbiased
-            # estimate: that one cannot come from a poor fit.
-            refitted = self._propose() or self._propose()
-            if refitted is not None and estimate.agrees(refitted):
-                proposal = refitted
+            ending = self._note(estimate, sampling.settle)
+            if ending is not None:
+                return self._conclude(ending)
+            spent = recorder.used() - start > _HOPELESS_RUNS * settings.maximumEvaluations
+            if spent and estimate.coefficientOfVariation() > _HOPELESS_VARIATION:
+                return self._handOver(Ending.POOR_SURROGATE)
+        return self._conclude(Ending.EVALUATIONS_USED)
+
+    def _note(self, estimate: Estimate, settle: Callable[[], bool]) -> Ending | None:
+        """Keep the state of the estimate; the ending where it decides on the allowed probability.
+
+        What the wide runs have not seen can only add to the probability, so that "above" needs none of them. The k-th
+        look takes ``1 / (k (k + 1))`` of the error that all looks share.
+        """
+        self.history.append((float(self.recorder.used()), estimate.probability, *estimate.interval(0.95)))
+        allowed = self.settings.allowedProbability
+        if allowed is None or estimate.effectiveFailures < 4.0 or len(estimate.blocks) < 2:
+            return None
+        self._looks += 1
+        lower, upper = estimate.interval(1.0 - _VERDICT_ERROR / (self._looks * (self._looks + 1)))
+        if self.limitState.complement:
+            lower, upper = 1.0 - upper, 1.0 - lower
+        if lower > allowed and (not self.limitState.complement or settle()):
+            return Ending.ABOVE_ALLOWED
+        if upper < allowed and (self.limitState.complement or settle()):
+            return Ending.BELOW_ALLOWED
+        return None
 
     def _handOver(self, ending: Ending) -> ReliabilityOutcome:
-        """Subset simulation with the runs that are left."""
-        subset = self._simulateSubsets("subset simulation", self.recorder.remaining())
-        if self.subset is not None:
-            subset = combineEstimates([self.subset, subset])
+        """Subset simulation with the runs that are left; where it finds no failure, crude Monte Carlo bounds it."""
+        if ending is Ending.CONSTANT or self.recorder.remaining() < _SUBSET_RUNS:
+            few = ending is not Ending.CONSTANT
+            return self._concludeCrude(Ending.EVALUATIONS_USED if few else ending, spend=True)
+        subset = runSubsetSimulation(
+            lambda u: self.recorder.evaluate(u, "subset simulation"),
+            self.limitState.dimension,
+            self.recorder.remaining(),
+            self.generator,
+        )
         variation = subset.coefficientOfVariation
         if math.isinf(variation):
-            self._spendOnNominalRuns()
-            return self._concludeCrude(ending, subset.upperBound)
+            self.recorder.nominal += subset.nominal
+            return self._concludeCrude(ending, subset.upperBound, spend=True)
         squared = (variation * subset.probability) ** 2
         return self._outcome(
             ending,
@@ -201,101 +228,11 @@ class ReliabilityRun:
             diagnostics={"true failures": float(subset.runs.failed.sum())},
         )
 
-    # Their steps. ----------------------------------------------------------------------------------------------------
-
-    def _simulateSubsets(self, phase, evaluations):
-        """Subset simulation; where it finds no failure, its first level bounds the probability as crude runs do."""
-        subset = runSubsetSimulation(
-            lambda u: self.recorder.evaluate(u, phase), self.limitState.dimension, evaluations, self.generator
-        )
-        if subset.probability == 0.0:
-            self.recorder.nominal += subset.nominal
-        return subset
-
-    def _nextSize(self, proposal):
-        """Runs of the next block of the estimate."""
-        used, remaining = self.recorder.used(), self.recorder.remaining()
-        needed = max(proposal.runsNeeded(self.settings.targetCoefficientOfVariation), proposal.runsForFailures())
-        done = sum(block.size for block in self.blocks)
-        missing = MINIMUM_BLOCKS - len(self.blocks)
-        size = max(needed / MINIMUM_BLOCKS if missing > 0 else needed - done, self.blockSize, 0.1 * done)
-        return int(min(size, max(10 * self.blockSize, 0.25 * used), remaining / max(missing, 1)))
-
-    def _fit(self, maximumDegree=4):
-        runs = self.recorder.runs()
-        kept = runs.finite
-        margins = runs.margins[kept]
-        # Near the limit the fit counts most; the width follows the runs towards it.
-        width = max(float(np.median(np.abs(margins))), 0.2 * self.nominalSpread)
-        self.weightWidth = width
-        self.fittedAt = self.recorder.used()
-        self.surrogate = LimitStateSurrogate(
-            runs.u[kept],
-            self.limitState.smooth(runs.outputs[kept]),
-            self.limitState.surrogateMargin,
-            1.0 / (1.0 + (margins / width) ** 2),
-            self.surrogate,
-            maximumDegree=maximumDegree,
-        )
-        self.surrogate.errors = self.surrogate.errors * self.calibration
-
-    def _calibrate(self, runs):
-        """Compare the errors of prediction of new runs with what the surrogate expected, component by component.
-
-        Returns
-        -------
-        trusted : bool
-            Whether the surrogate knew the size of its errors and was wrong in no label that it was sure of.
-        """
-        kept = runs.finite
-        y = self.surrogate.reduce(runs.u[kept])
-        predicted = self.surrogate.predict(y)
-        standardised = (self.limitState.smooth(runs.outputs[kept]) - predicted) / self.surrogate.predictionErrors(y)
-        weight = 1.0 / (1.0 + (runs.margins[kept] / self.weightWidth) ** 2)
-        squared = weight @ standardised**2
-        total = weight.sum()
-        self.observedCalibration = float(np.sqrt(squared.mean() / max(total, 1e-300)))
-        # Ten runs' worth of belief in the present scale; the refit learns from these runs, so half of the correction
-        # (in logarithm) remains.
-        factor = np.sqrt((10.0 + squared) / (10.0 + total))
-        self.calibration = np.clip(self.calibration * factor, 0.25, 100.0) ** 0.5
-        value, scale = self.surrogate.limitState(y)
-        wrong = np.abs(runs.failed[kept] - ndtr(-value / scale)) > 0.999
-        return bool(factor.max() < 1.5) and not wrong.any()
-
-    def _propose(self) -> Proposal | None:
-        """Where to run next; None where the surrogate shows no failure region."""
-        assert self.surrogate is not None, "there is a surrogate once the first runs are made"
-        target = self.settings.targetCoefficientOfVariation
-        return propose(self.surrogate, target, self.generator, self._withNonFinite)
-
-    def _withNonFinite(self, failure):
-        """The probability of failure where some runs have no finite value, which the surrogate knows nothing of."""
-        count = self.limitState.nonFiniteNumber
-        if count == 0:
-            return failure
-        share = count / self.recorder.used()
-        return failure * (1.0 - share) + share * (self.settings.nonFinitePolicy == "failure")
-
-    def _missesKnownFailures(self):
-        """Whether runs of crude Monte Carlo, or without a finite value, failed against the surrogate: rare draws of
-        the nominal distribution would have to find such failures again."""
-        runs = self.recorder.blocks[0]
-        value, scale = self.surrogate.limitState(self.surrogate.reduce(runs.u))
-        lost = any((part.failed & ~part.finite).any() for part in self.recorder.blocks)
-        return lost or bool((runs.failed & (ndtr(-value / scale) < 0.01)).any())
-
-    def _drawWide(self, size):
-        """Normal points of twice the spread in the active directions, for a surrogate that shows no failure."""
-        u = self.generator.standard_normal((size, self.limitState.dimension))
-        active = self.surrogate.directions
-        return u + (u @ active) @ active.T
-
     def _spendOnNominalRuns(self):
         """Crude Monte Carlo with the evaluations that are left: nothing tells where better runs would be."""
         recorder, target = self.recorder, self.settings.targetCoefficientOfVariation
         while recorder.remaining() > 0 and not self._crudeEstimate().reaches(target):
-            size = max(self.blockSize, recorder.used() // 4)
+            size = max(40, self.limitState.dimension, recorder.used() // 4)
             recorder.evaluateNominal(min(size, recorder.remaining()), "Monte Carlo")
 
     def _crudeEstimate(self):
@@ -306,40 +243,57 @@ class ReliabilityRun:
 
     def _conclude(self, ending: Ending) -> ReliabilityOutcome:
         """The estimate so far, whatever it is worth."""
-        if not self.blocks:
+        modes = self.modeSampling
+        sampling: Any = self.surrogateSampling if modes is None else modes
+        if sampling is None or not sampling.blocks:
             return self._concludeCrude(ending)
-        estimate = Estimate(self.blocks)
-        interval, remarks, unseen = estimate.confidenceInterval(), [], None
-        nominal = sum(map(len, self.recorder.nominal)) + NOMINAL_SHARE * estimate.size
-        bound = 3.0 / max(nominal, 1)
-        diagnostics = estimate.diagnose() | {"calibration": self.observedCalibration, "unseen bound": bound}
-        if self.subset is not None:
-            diagnostics["subset simulation"] = self.subset.probability
-        if self.recorder.failures() == 0:
+        estimate = Estimate(sampling.blocks)
+        interval, remarks = estimate.confidenceInterval(), []
+        diagnostics = estimate.diagnose()
+        if modes is not None:
+            diagnostics["modes"] = float(len(modes.modes))
+        else:
+            diagnostics["calibration"] = sampling.observedCalibration
+        nominal = sum(map(len, self.recorder.nominal)) + int(NOMINAL_SHARE * estimate.size)
+        if estimate.failures == 0:
             # The surrogate alone says where failures would be, and true runs have found none there.
-            interval = ConfidenceInterval(failures=0, runs=int(nominal))
+            interval = ConfidenceInterval(failures=0, runs=nominal)
             self.history = []
-            remarks = [f"no run failed, and only about {interval.runs} crude Monte Carlo runs bound the probability"]
-        elif self.settings.mode == "fast" and estimate.probability <= bound:
-            unseen = bound
-        blocks, limitState, seed = list(self.blocks), self.limitState, int(self.generator.integers(2**31))
+            remarks.append(f"no run failed, and only about {nominal} crude Monte Carlo runs bound the probability")
+        elif not sampling.settled:
+            interval = ConfidenceInterval(estimate.probability, estimate.variance, estimate.freedom, lowerOnly=True)
+            remarks.append(
+                "the probability is at least the lower bound: failures were seen, or may be there, that the estimate "
+                "lacks"
+            )
+        method = "ActiveSubspace" if modes is None else "ImportanceSampling"
+        blocks, limitState, seed = list(sampling.blocks), self.limitState, int(self.generator.integers(2**31))
         return self._outcome(
             ending,
             *remarks,
-            method="ActiveSubspace",
-            converged=ending is Ending.TARGET_REACHED,
+            method=method,
+            converged=ending in (Ending.TARGET_REACHED, Ending.ABOVE_ALLOWED, Ending.BELOW_ALLOWED),
             probability=min(max(estimate.probability, 0.0), 1.0),
             variance=estimate.variance,
             interval=interval,
-            surrogateProbability=estimate.surrogateProbability,
+            surrogateProbability=estimate.surrogateProbability if modes is None else None,
             diagnostics=diagnostics,
-            unseenBound=unseen,
+            audits=sampling.audited,
+            auditSpread=sampling.spread,
+            estimate=estimate,
             # The same whenever it is asked for.
             failureSample=Deferred(lambda: Estimate(blocks).makeFailureSample(limitState, np.random.default_rng(seed))),
         )
 
-    def _concludeCrude(self, ending: Ending, levelReached: float | None = None) -> ReliabilityOutcome:
-        """The crude Monte Carlo runs are what is left where nothing else is."""
+    def _concludeCrude(
+        self, ending: Ending, levelReached: float | None = None, spend: bool = False
+    ) -> ReliabilityOutcome:
+        """The crude Monte Carlo runs of the event itself are what is left where nothing else is; more where asked."""
+        if self.limitState.complement:
+            self.limitState.takeComplement()
+            self.recorder.takeComplement()
+        if spend:
+            self._spendOnNominalRuns()
         for part in self.recorder.nominal:
             part.weights = np.ones(len(part))
         runs, estimate = Runs.concatenate(self.recorder.nominal), self._crudeEstimate()
@@ -347,7 +301,8 @@ class ReliabilityRun:
         if levelReached is not None:
             remarks.insert(
                 0,
-                f"it found no failure before the evaluations ended, at a level of probability {levelReached:.1e}, an "
+                "subset simulation found no failure before the evaluations ended, at a level of probability "
+                f"{levelReached:.1e}, an "
                 "estimate and no bound",
             )
         return self._outcome(
@@ -358,24 +313,35 @@ class ReliabilityRun:
             probability=estimate.probability,
             variance=estimate.variance,
             interval=estimate.confidenceInterval(),
-            diagnostics={"true failures": float(estimate.failures), "unseen bound": 3.0 / estimate.size},
+            diagnostics={"true failures": float(estimate.failures)},
             levelReached=levelReached,
             failureSample=Deferred(lambda: FailureSample.ofMonteCarlo(runs.x, runs.failed)),
         )
 
-    def _outcome(self, ending, *remarks, diagnostics, surrogateProbability=None, **fields):
+    def _outcome(self, ending, *remarks, diagnostics, surrogateProbability=None, estimate=None, **fields):
         """The outcome with what is the same however a run ends."""
-        settings, limitState, surrogate = self.settings, self.limitState, self.surrogate
+        settings, limitState = self.settings, self.limitState
+        surrogate = None if self.surrogateSampling is None else self.surrogateSampling.surrogate
         runs = self.recorder.runs()
+        if estimate is not None:
+            estimate.mark(runs)
+        if limitState.unknownNumber:
+            remarks += (f"{limitState.unknownNumber} runs far from where inputs are likely gave no value",)
         sentence = ending.value.format(
-            target=settings.targetCoefficientOfVariation, maximum=settings.maximumEvaluations, first=self.initialSize
+            target=settings.targetCoefficientOfVariation,
+            maximum=settings.maximumEvaluations,
+            first=self.initialSize,
+            allowed=settings.allowedProbability,
         )
+        searches = [part.search.gradients for part in (self.surrogateSampling, self.modeSampling) if part is not None]
         common = {
             "event": self.event,
             "distribution": limitState.distribution,
             "surrogateProbability": surrogateProbability,
             "phases": dict(self.recorder.phases),
-            "diagnostics": diagnostics | {"not finite": float(limitState.nonFiniteNumber)},
+            "diagnostics": diagnostics
+            | {"not finite": float(limitState.nonFiniteNumber), "no value": float(limitState.unknownNumber)},
+            "gradients": sum(searches),
             "ending": ending,
             "reason": "; ".join([sentence, *remarks]),
             "unseenBound": None,
@@ -386,4 +352,5 @@ class ReliabilityRun:
             "failureSample": None,
             "outputDescription": list(limitState.function.getOutputDescription()),
         }
-        return ReliabilityOutcome(**(common | fields))
+        outcome = ReliabilityOutcome(**(common | fields))
+        return outcome.ofComplement() if limitState.complement else outcome

@@ -18,6 +18,7 @@ class ReliabilitySettings:
     surrogateComposition: ot.Function | None = None
     targetCoefficientOfVariation: float = 0.05
     maximumEvaluations: int = 5000
+    allowedProbability: float | None = None
     mode: str = "fast"
     nonFinitePolicy: str = "raise"
     progressCallback: Callable[[float], None] | None = None

@@ -19,17 +19,23 @@ from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.polynomials.basis import PolynomialBasis, number_of_terms
 from satsep_ot.methods.polynomials.fit import PolynomialFit, fit_polynomial
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
+from satsep_ot.methods.reliability.gaussian_process import GaussianProcess, chooseRows
+from satsep_ot.methods.reliability.links import Identity, Link, candidateLinks
 from satsep_ot.methods.subspaces.variable_projection import fit_ridge
 from satsep_ot.methods.subspaces.variables import activeTransformation
 
 # An error is never taken to be smaller than this share of a component's own spread: a polynomial that passes through
 # the data is not known to be the truth elsewhere.
-_SMALLEST_ERROR = 0.01
+_SMALLEST_ERROR = 0.003
 # The search for a subspace need not be more exact than the runs let it be: it is continued after the next block.
 _SEARCH_STEPS = 6
 _SEARCH_TOLERANCE = 1e-3
 # A larger model must lower the estimated squared error of prediction by this factor to be preferred.
 _PARSIMONY = 0.9
+# Up to so many inputs a Gaussian process takes them all; it must raise the mean log density by this to be preferred.
+FEW_INPUTS, _LEAST_GAIN = 10, 0.1
+# Points of each step of a search, and growth of the pool, where a process is slow to predict.
+_PROCESS_POINTS, _PROCESS_POOL_FACTOR = 2500, 4.0
 # A search over many points knows the size of the error from so many that are nearest to the limit.
 _NEAREST = 500
 # Points, so many times as far out as the runs, that tell which components fail together.
@@ -53,13 +59,14 @@ class RidgeModel:
 
 
 @dataclasses.dataclass
-class ComponentFit:
-    """A component's ridge: orthonormal directions (d, r), polynomial, and its estimated error of prediction."""
+class RidgeFit:
+    """A component's polynomial ridge: orthonormal directions (d, r), polynomial, and its estimated error."""
 
     model: RidgeModel
     directions: np.ndarray
     polynomial: PolynomialFit
     error: float
+    least: float = 0.0
 
     def variables(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
         """The polynomial's variables from active ones (n, r) and normalised inactive radii (n,)."""
@@ -67,6 +74,73 @@ class ComponentFit:
             assert radius is not None, "a radial model has a radius"
             active = np.column_stack([active, radius])
         return active if active.shape[1] else np.zeros((len(active), 1))
+
+    def predict(self, x: np.ndarray) -> np.ndarray:
+        """Values (n,) at the variables."""
+        return self.polynomial.predict(x)
+
+    def predictBoth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values and standard deviations of their errors, each (n,): larger where a polynomial extrapolates."""
+        error = max(self.error, self.least) * np.sqrt(1.0 + self.polynomial.relative_variance(x))
+        return self.predict(x), error
+
+    def refit(self, u: np.ndarray, column: np.ndarray, weights: np.ndarray) -> "RidgeFit":
+        """The same model of other points."""
+        initial = self.directions if self.model.degree > 1 and self.model.dimension else None
+        return _fitModel(u, column, weights, dataclasses.replace(self.model, radial=False), initial)
+
+    def score(self, weights: np.ndarray) -> float:
+        """Mean logarithm of the density of prediction, but for a constant."""
+        return -math.log(max(self.error, self.least, 1e-300)) - 0.5
+
+
+class ProcessFit:
+    """A component's Gaussian process of all inputs, through a link.
+
+    Parameters
+    ----------
+    u : array (n, d)
+    column : array (n,)
+    link : Link
+    previous : ProcessFit, optional
+        Its hyper-parameters are the start of the search for these.
+    search : bool
+        Whether to look for hyper-parameters; else the previous ones are kept.
+    """
+
+    def __init__(
+        self, u: np.ndarray, column: np.ndarray, link: Link, previous: "ProcessFit | None" = None, search: bool = True
+    ) -> None:
+        self.link = link
+        self.model = RidgeModel(u.shape[1], 0)
+        self.directions = np.eye(u.shape[1])
+        values = link.forward(column)
+        self._rows = chooseRows(values)
+        start = None if previous is None else previous.process.hyper
+        self.process: GaussianProcess = GaussianProcess(u[self._rows], values[self._rows], start, search)
+        self._logSlope = link.logSlope(column[self._rows])
+
+    def variables(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
+        """The inputs themselves."""
+        return active
+
+    def predict(self, x: np.ndarray) -> np.ndarray:
+        """Linked values (n,) at the variables."""
+        return self.process.predictMean(x)
+
+    def predictBoth(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Linked values and standard deviations of their errors, each (n,)."""
+        return self.process.predict(x)
+
+    def refit(self, u: np.ndarray, column: np.ndarray, weights: np.ndarray) -> "ProcessFit":
+        """The same link and hyper-parameters with other points."""
+        return ProcessFit(u, column, self.link, self, search=False)
+
+    def score(self, weights: np.ndarray) -> float:
+        """Weighted mean logarithm of the density of each value by the others, but for a constant."""
+        errors, deviations = self.process.leaveOneOut()
+        logs = -np.log(deviations) - 0.5 * np.minimum((errors / deviations) ** 2, 60.0) + self._logSlope
+        return float(np.average(logs, weights=weights[self._rows]))
 
 
 def normalisedRadius(u: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -98,9 +172,18 @@ class LimitStateSurrogate:
         Weights of the fits.
     previous : LimitStateSurrogate, optional
         Its subspaces are the start of this fit.
+    reselect : bool
+        Whether to choose the models anew; else those of the previous surrogate are fitted.
     maximumDimension, maximumDegree : int
         Limits of the choice.
+
+    Attributes
+    ----------
+    searchPoints, largestPoolFactor : int, float
+        Points of each step of a search for the failure region, and by how much the pool of points may grow.
     """
+
+    searchPoints, largestPoolFactor = 8000, 20.0
 
     def __init__(
         self,
@@ -109,27 +192,83 @@ class LimitStateSurrogate:
         margin: Callable,
         weights: np.ndarray,
         previous: "LimitStateSurrogate | None" = None,
+        reselect: bool = True,
         maximumDimension: int = 3,
         maximumDegree: int = 4,
     ) -> None:
-        self.margin = margin
         self._training = u, values, weights
+        self._limit = self.margin = margin
         self.inputs = u.shape[1]
-        fits = []
-        for index, column in enumerate(values.T):
-            old = None if previous is None else previous.components[index]
-            fits.append(_selectModel(u, column, weights, old, maximumDimension, maximumDegree))
-        self.directions = _union([fit.directions for fit in fits], self.inputs)
+        self.link: Link | None = None
+        self.components: list[RidgeFit | ProcessFit] = []
+        earlier = [None] * values.shape[1] if previous is None else previous.components
+        for column, old in zip(values.T, earlier, strict=True):
+            if reselect or old is None:
+                self.components.append(self._choose(column, old, maximumDimension, maximumDegree))
+            else:
+                self.components.append(old.refit(u, self._processed(column, old), weights))
+        if values.shape[1] == 1 and isinstance(self.components[0], ProcessFit):
+            self.link = self.components[0].link
+            self.margin = _first
+        self.directions = _union([fit.directions for fit in self.components], self.inputs)
         # The inactive radius belongs to the complement of all active directions, so it comes second.
         self.radial = False
         if self.directions.shape[1] < self.inputs:
             radius = normalisedRadius(u, self.directions)
-            fits = [_withRadius(u, column, weights, fit, radius) for fit, column in zip(fits, values.T, strict=True)]
-            self.radial = any(fit.model.radial for fit in fits)
-        self.components: list[ComponentFit] = fits
-        self._rotations = [self.directions.T @ fit.directions for fit in fits]
-        spread = values.std(axis=0)
-        self.errors = np.maximum([fit.error for fit in fits], _SMALLEST_ERROR * spread)
+            self.components = [
+                _withRadius(u, column, weights, fit, radius)
+                for fit, column in zip(self.components, values.T, strict=True)
+            ]
+            self.radial = any(fit.model.radial for fit in self.components)
+        self._rotations = [self.directions.T @ fit.directions for fit in self.components]
+        self.calibration = np.ones(values.shape[1])
+        if any(isinstance(fit, ProcessFit) for fit in self.components):
+            self.searchPoints, self.largestPoolFactor = _PROCESS_POINTS, _PROCESS_POOL_FACTOR
+
+    def _processed(self, column, fit=None):
+        """What a Gaussian process of a component is fitted to: of a single one the limit state itself."""
+        _, values, _ = self._training
+        return self._limit(values) if values.shape[1] == 1 and not isinstance(fit, RidgeFit) else column
+
+    def _choose(self, column, old, maximumDimension, maximumDegree):
+        """The polynomial ridge or, of few inputs, the Gaussian process that predicts best."""
+        u, values, weights = self._training
+        ridge = old if isinstance(old, RidgeFit) else None
+        best = _selectModel(u, column, weights, ridge, maximumDimension, maximumDegree)
+        if self.inputs > FEW_INPUTS or best.error <= _smallestError(column):
+            return best
+        processed = self._processed(column)
+        links = candidateLinks(processed) if values.shape[1] == 1 else [Identity()]
+        highest = self._score(best, column) + _LEAST_GAIN
+        for link in links:
+            same = isinstance(old, ProcessFit) and type(old.link) is type(link)
+            process = ProcessFit(u, processed, link, old if same else None)
+            score = self._score(process, processed)
+            if score > highest:
+                best, highest = process, score
+        return best
+
+    def _score(self, fit, column):
+        """Mean log density of predictions: of each run by the others, and three times that of the latest quarter.
+
+        The latest runs were chosen by earlier fits, where a fit that only follows its runs is wrong first.
+        """
+        u, _, weights = self._training
+        number = min(max(len(u) // 4, 8), 60)
+        if len(u) < 3 * number or len(u) - number < 1.2 * (self.inputs + 2):
+            return fit.score(weights)
+        early, late = slice(None, -number), slice(-number, None)
+        tested = fit.refit(u[early], column[early], weights[early])
+        x = tested.variables(u[late] @ tested.directions, None)
+        mean, deviation = tested.predictBoth(x)
+        link = tested.link if isinstance(tested, ProcessFit) else Identity()
+        standard = (link.forward(column[late]) - mean) / deviation
+        logs = link.logSlope(column[late]) - np.log(deviation) - 0.5 * np.minimum(standard**2, 40.0)
+        return 0.25 * fit.score(weights) + 0.75 * float(np.average(logs, weights=weights[late]))
+
+    def targets(self, values: np.ndarray) -> np.ndarray:
+        """What `predict` predicts (n, p) where the components have these values (n, p)."""
+        return values if self.link is None else self.link.forward(self._limit(values))[:, None]
 
     def dimension(self) -> int:
         """Number of variables that the surrogate depends on: active directions, and the inactive radius if used."""
@@ -152,16 +291,17 @@ class LimitStateSurrogate:
 
     def predict(self, y: np.ndarray) -> np.ndarray:
         """Components (n, p) at variables of the surrogate (n, k)."""
-        return np.column_stack(
-            [fit.polynomial.predict(x) for fit, x in zip(self.components, self._variables(y), strict=True)]
-        )
+        return np.column_stack([fit.predict(x) for fit, x in zip(self.components, self._variables(y), strict=True)])
 
     def predictionErrors(self, y: np.ndarray) -> np.ndarray:
         """Standard deviations (n, p) of the errors of the components: larger where a polynomial extrapolates."""
-        variances = [
-            fit.polynomial.relative_variance(x) for fit, x in zip(self.components, self._variables(y), strict=True)
-        ]
-        return self.errors * np.sqrt(1.0 + np.column_stack(variances))
+        return self.predictBoth(y)[1]
+
+    def predictBoth(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Components and the standard deviations of their errors, each (n, p), at variables of the surrogate (n, k)."""
+        both = [fit.predictBoth(x) for fit, x in zip(self.components, self._variables(y), strict=True)]
+        values, errors = zip(*both, strict=True)
+        return np.column_stack(values), self.calibration * np.column_stack(errors)
 
     def _variables(self, y):
         k = self.directions.shape[1]
@@ -177,13 +317,16 @@ class LimitStateSurrogate:
         exact : bool
             False: all points get the median deviation of the points that are nearest to the limit.
         """
-        values = self.predict(y)
-        value = self.margin(values)
-        rows = np.arange(len(y))
-        if not exact and len(y) > _NEAREST:
+        if exact or len(y) <= _NEAREST:
+            values, errors = self.predictBoth(y)
+            value, rows = self.margin(values), np.arange(len(y))
+        else:
+            values = self.predict(y)
+            value = self.margin(values)
             rows = np.argpartition(np.abs(value), _NEAREST)[:_NEAREST]
+            errors = self.predictionErrors(y[rows])
         squares = np.zeros(len(rows))
-        for j, error in enumerate(self.predictionErrors(y[rows]).T):
+        for j, error in enumerate(errors.T):
             shifted = values[rows]
             shifted[:, j] += error
             squares += (self.margin(shifted) - value[rows]) ** 2
@@ -227,7 +370,7 @@ class LimitStateSurrogate:
         part = copy.copy(self)
         part.margin = margin
         part.components = [self.components[j] for j in group]
-        part.errors = self.errors[group]
+        part.calibration = self.calibration[group]
         part.directions = _union([fit.directions for fit in part.components], self.inputs)
         part._rotations = [part.directions.T @ fit.directions for fit in part.components]
         return part
@@ -239,6 +382,8 @@ class LimitStateSurrogate:
         u, values, weights = self._training
         functions = []
         for fit, column in zip(self.components, values.T, strict=True):
+            if isinstance(fit, ProcessFit):
+                raise ValueError("the surrogate is a Gaussian process, for which there is no native function")
             if fit.model.dimension == 0:
                 constant = [float(fit.polynomial.coefficients[0])]
                 functions.append(ot.LinearFunction([0.0] * self.inputs, constant, ot.Matrix(1, self.inputs)))
@@ -253,6 +398,10 @@ class LimitStateSurrogate:
             transformation = activeTransformation(space, fit.directions)
             functions.append(ot.ComposedFunction(regression.getResult().getMetaModel(), transformation))
         return ot.AggregatedFunction(functions)
+
+
+def _first(values):
+    return values[:, 0]
 
 
 def _basisFit(variables, column, weights, degree):
@@ -287,9 +436,9 @@ def _fitModel(u, column, weights, model, initial):
             u, column, model.dimension, model.degree, weights, 1, initial, _SEARCH_STEPS, _SEARCH_TOLERANCE
         ).directions
     polynomial = _basisFit(u @ directions, column, weights, model.degree)
-    return ComponentFit(
-        model, directions, polynomial, _predictionError(polynomial, weights, model.parameters(u.shape[1]))
-    )
+    error = _predictionError(polynomial, weights, model.parameters(u.shape[1]))
+    spread = math.sqrt(np.average((column - np.average(column, weights=weights)) ** 2, weights=weights))
+    return RidgeFit(model, directions, polynomial, error, _SMALLEST_ERROR * spread)
 
 
 def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
@@ -307,7 +456,7 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
         improved, lower = False, None
         for degree in range(max(lowest, min(dimension, 2)), maximumDegree + 1):
             model = RidgeModel(dimension, degree)
-            if model.parameters(d) > 0.75 * effective or best.error <= floor:
+            if model.parameters(d) > 0.9 * effective or best.error <= floor:
                 break
             # A search starts where the one of a lower degree, or the earlier surrogate, has ended; but a linear fit
             # knows nothing of an even function.
@@ -340,7 +489,7 @@ def _selectModel(u, column, weights, old, maximumDimension, maximumDegree):
 def _withRadius(u, column, weights, fit, radius=None):
     """The same subspace with the inactive radius as one more variable, where that predicts clearly better."""
     best = fit
-    if fit.error <= _smallestError(column) or fit.directions.shape[1] == u.shape[1]:
+    if isinstance(fit, ProcessFit) or fit.error <= _smallestError(column) or fit.directions.shape[1] == u.shape[1]:
         return fit
     if radius is None:
         radius = normalisedRadius(u, fit.directions)
@@ -351,7 +500,7 @@ def _withRadius(u, column, weights, fit, radius=None):
         polynomial = _basisFit(np.column_stack([u @ fit.directions, radius]), column, weights, model.degree)
         error = _predictionError(polynomial, weights, model.parameters(u.shape[1]))
         if error < math.sqrt(_PARSIMONY) * best.error:
-            best = ComponentFit(model, fit.directions, polynomial, error)
+            best = RidgeFit(model, fit.directions, polynomial, error, fit.least)
     return best
 
 

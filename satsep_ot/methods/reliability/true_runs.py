@@ -34,8 +34,9 @@ class TrueRuns:
     phases : array (n,) of str
         What each run was made for.
     weights : array (n,)
-        Density of the inputs over the density that the run was drawn from; NaN for a run that is no part of the
-        estimate, since the run, or the next ones, depend on what it gave.
+        Density of the inputs over the density that the run was drawn from, times the share of the run's block in the
+        estimate over its share of the runs; NaN for a run that is no part of the estimate, since the run, or the next
+        ones, depend on what it gave.
     expected : array (n,)
         The surrogate's probability of failure at the run, before it was made; 0 without a surrogate.
     inputNames, outputNames : tuple of str

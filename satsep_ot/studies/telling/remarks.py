@@ -28,6 +28,8 @@ COVERAGE = {
 _SHOWN_CONTACTS = 8
 # Above this shape of the tail of the corrections' weights an interval is not reliable.
 _HEAVY_TAIL = 0.7
+# Probability that a failure region escapes all wide runs, at which its size is told.
+_ESCAPE = 0.05
 _NOT_VALIDATED = (
     "flexible bodies and sloshing",
     "contact other than at the springs' seats where the case does not ask for it (then walls hold nothing back: a "
@@ -171,7 +173,7 @@ def limits(result: StudyResult) -> list[str]:
             f"The Monte Carlo sample was made by processors or versions of {len(result.processors)} kinds, which round "
             f"differently: its last digits are those of none of them alone ({'; '.join(result.processors)})."
         )
-    sentences += unseen_regions(result)
+    sentences += audit_remarks(result)
     if StudyMethod.ACTIVE_SUBSPACE in methods:
         sentences.append(
             "How often the 95 % interval of ActiveSubspace holds the truth was measured on the reference case of the "
@@ -187,18 +189,22 @@ def limits(result: StudyResult) -> list[str]:
     ]
 
 
-def unseen_regions(result: StudyResult) -> list[str]:
-    """What is known of failure regions that no run of a surrogate has reached; empty where there is nothing to say."""
-    bounds = [
-        f"{row.requirement} {probability_text(row.unseen_bound)}"
-        for row in result.rows
-        if row.unseen_bound is not None and row.converged
-    ]
-    if not bounds:
+def audit_remarks(result: StudyResult) -> list[str]:
+    """How many wide runs looked for violations that estimates lack, and what these would miss; empty without any."""
+    rows = [row for row in result.rows if row.method == StudyMethod.ACTIVE_SUBSPACE]
+    audited = [row for row in rows if row.audits and row.converged]
+    if not audited:
         return []
+    number = min(row.audits for row in audited)
+    spreads = sorted(row.audit_spread for row in audited)
+    spread = " to ".join(dict.fromkeys(f"{spreads[j]:.1f}" for j in (0, -1)))
+    names = "each requirement" if len(audited) == len(rows) else ", ".join(row.requirement for row in audited)
+    share = f"{100.0 * (1.0 - _ESCAPE ** (1.0 / number)):.2g} %"
     text = (
-        "ActiveSubspace learns from its runs: a failure region that no run has reached is not excluded. Such a region "
-        f"has, as far as these runs tell, at most the probability: {', '.join(bounds)}."
+        "ActiveSubspace knows only what its runs have reached. For violations that its estimates lack it looked in all "
+        f"directions: at least {number} wide runs for {names}, at {spread} times the spread of the inputs. A failure "
+        f"region that {share} of such runs would hit escapes so many independent ones with a probability of "
+        f"{100.0 * _ESCAPE:g} %, a larger one with less."
     )
     if StudyMethod.MONTE_CARLO in result.sizes.methods:
         text += (

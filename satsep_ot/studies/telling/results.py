@@ -60,9 +60,10 @@ class Estimate:
     converged : bool
     note : str
         Why the method ended, or what went wrong.
-    unseen_bound : float or None
-        Failure regions that no run has reached have a probability below this, as far as the method's own runs tell.
-        None where the method needs no surrogate, and where its estimate is too large for such a region to matter.
+    audits : int
+        Wide runs that looked in all directions for failures that the estimate lacks; 0 for a method without any.
+    audit_spread : float
+        Standard deviation of the last of them, in standard space.
     """
 
     requirement: str
@@ -76,7 +77,8 @@ class Estimate:
     seconds: float = 0.0
     converged: bool = False
     note: str = ""
-    unseen_bound: float | None = None
+    audits: int = 0
+    audit_spread: float = 0.0
 
     @property
     def interval(self) -> Interval | None:

@@ -9,7 +9,7 @@ from rich.table import Table
 
 from satsep_ot.model.text import printable
 from satsep_ot.studies.telling.advice import tightening_advice
-from satsep_ot.studies.telling.remarks import remarks, unseen_regions
+from satsep_ot.studies.telling.remarks import audit_remarks, remarks
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import headline, judge_all
 
@@ -68,7 +68,7 @@ def print_study(console: Console, result: StudyResult) -> None:
     for line in note_lines(result):
         console.print(line)
     console.print()
-    for remark in [*remarks(result), *unseen_regions(result)]:
+    for remark in [*remarks(result), *audit_remarks(result)]:
         console.print(f"[bold]![/bold] {escape(remark)}")
     for line in tightened_lines(result):
         console.print(escape(line))

@@ -34,7 +34,7 @@ DECIDING_METHODS = (StudyMethod.ACTIVE_SUBSPACE, StudyMethod.MONTE_CARLO)
 DESIGN_POINT_METHODS = (StudyMethod.FORM, StudyMethod.SORM)
 
 METHOD_DESCRIPTIONS = {
-    StudyMethod.ACTIVE_SUBSPACE: "a polynomial on an active subspace says where violations are likely, and "
+    StudyMethod.ACTIVE_SUBSPACE: "a surrogate that learns from every run says where violations are likely, and "
     "weighted runs of the simulator there give an unbiased estimate",
     StudyMethod.FORM: "a plane through the most likely violation stands for the limit",
     StudyMethod.SORM: "a paraboloid through the most likely violation stands for the limit",
