@@ -144,7 +144,8 @@ def test_every_parameter_of_a_run_at_every_absurd_value(force_line):
     depths = outcome.base[sunk][:, base_fields(separation).index("deck_height")]
     assert (depths < -1e-4).all()
     assert np.isnan(outcome.base[sunk]).sum() == np.count_nonzero(sunk) * (outcome.base.shape[1] - 1)
-    assert outcome.steps.max() <= 1000
+    # Each spring may take steps more for its guide friction, and for the knots of its table.
+    assert outcome.steps.max() <= 1000 + 310 * len(separation.springs.stiffness)
     for row in np.flatnonzero(~finished):
         name, value = names[row // count], VALUES[row % count]
         if not abs(value) < 1e30:

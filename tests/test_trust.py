@@ -1,7 +1,6 @@
 """A case file is data: nothing in it is executed, and nothing is read or written that it does not name."""
 
 import ast
-import io
 import os
 import pickle
 import subprocess
@@ -66,8 +65,8 @@ def test_tables_outside_of_the_folder_of_the_case_are_not_read(name, tmp_path, m
     path = folder / "mine.toml"
     path.write_text(f'{BODIES}table = "{name}"\n', encoding="utf-8")
     opened = []
-    real = io.open
-    monkeypatch.setattr(io, "open", lambda file, *rest, **more: opened.append(str(file)) or real(file, *rest, **more))
+    real = os.open
+    monkeypatch.setattr(os, "open", lambda file, *rest, **more: opened.append(str(file)) or real(file, *rest, **more))
     with pytest.raises(CaseError, match="must be in the folder of the case file or below"):
         load_case(path)
     assert opened == [str(path)]
@@ -116,7 +115,9 @@ print([event for event in seen])
     events = [tuple(event) for event in ast.literal_eval(done.stdout)]
     # Whether it is the name of a case in the package is looked up in the list of those.
     events = [event for event in events if not event[1].endswith(os.path.join("model", "cases"))]
-    assert events == [("open", paths[1], "r"), ("open", paths[1].replace("mine.toml", "push.csv"), "r")]
+    # A file is opened once by its name, and once more by the number that this gave.
+    named = [event for event in events if not (event[0] == "open" and event[1].isdigit())]
+    assert [event[:2] for event in named] == [("open", paths[1]), ("open", paths[1].replace("mine.toml", "push.csv"))]
 
 
 def test_pickles_in_results_are_not_loaded(tmp_path):

@@ -552,7 +552,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """Of a violation its inputs, in their units and in standard space, and its distance; empty for none."""
         self._start(requirement, "violation")
         result = self._results.get(requirement)
-        sample = None if result is None else result.getInputSample()
+        sample = None
+        if result is not None:
+            runs = result.getTrueRuns()
+            sample = runs.inputs[runs.failed & np.isfinite(runs.outputs).all(axis=1)]
         violation = drivers.most_likely_violation(self._problem, requirement, sample)
         if violation is None:
             return {}
