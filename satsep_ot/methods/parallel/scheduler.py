@@ -221,6 +221,10 @@ class ChunkScheduler:
             endExecutor(discarded)
 
 
+# Seconds that the thread of a pool is given to see that its processes are dead.
+_MANAGER_SECONDS = 5.0
+
+
 @dataclasses.dataclass(frozen=True)
 class _Settings:
     """What a run on an executor takes from its scheduler."""
@@ -531,14 +535,20 @@ def _killer(executor):
     """What kills the processes of an executor, which does not know them any more once it is shut down."""
     processes = list((getattr(executor, "_processes", None) or {}).values())
     queue = getattr(executor, "_call_queue", None)
+    manager = getattr(executor, "_executor_manager_thread", None)
 
     def kill():
         for process in processes:
             process.kill()
-        with contextlib.suppress(AttributeError, OSError):
-            # The thread that fills the pipe of a pool waits for ever where nobody reads it any more.
-            queue._reader.close()
-        executor.shutdown(wait=bool(processes), cancel_futures=True)
+        executor.shutdown(wait=False, cancel_futures=True)
+        if manager is not None:
+            # It ends by itself where it sees that its processes are dead, and closes the pipe; two at once would fail.
+            manager.join(_MANAGER_SECONDS)
+        if manager is not None and manager.is_alive():
+            with contextlib.suppress(AttributeError, OSError):
+                # The thread that fills the pipe of a pool waits for ever where nobody reads it any more.
+                queue._reader.close()
+            manager.join()
         for process in processes:
             process.join()
 
