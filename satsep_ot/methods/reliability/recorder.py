@@ -56,12 +56,6 @@ class RunRecorder:
         """All true runs in their order."""
         return Runs.concatenate(self.blocks)
 
-    def failures(self, phase: str | None = None) -> int:
-        """Number of failed runs, of all phases or of one."""
-        return sum(
-            int(part.failed[slice(None) if phase is None else part.phases == phase].sum()) for part in self.blocks
-        )
-
     def evaluate(self, u: np.ndarray, phase: str) -> Runs:
         """True runs at points (n, d) of standard space.
 
