@@ -313,6 +313,13 @@ def test_without_a_touch_the_run_is_that_without_contact():
     assert outcome.quantity("last_contact")[0] == 0.0
 
 
+@pytest.mark.parametrize("name", ["contact_impulse", "contact_force", "last_contact"])
+def test_what_contact_was_like_has_no_gradient(name):
+    outcome = simulate_with_gradients(symmetric_separation(contact=Contact(0.3)))
+    with pytest.raises(ValueError, match=f"{name} has no gradient; take a method that needs none"):
+        outcome.quantity_gradient(name)
+
+
 def test_more_points_than_there_is_room_for():
     with pytest.raises(ValueError, match="they must be at most 160"):
         symmetric_separation(contact=Contact(0.3, points=120), rails=Rails(0.05, 1e-4, (0.0, 0.3), 0.3, 1e5),

@@ -36,7 +36,7 @@ from satsep_ot.dynamics.kernels.records import (
     ContactBuffers,
 )
 from satsep_ot.dynamics.kernels.run import RELEASE
-from satsep_ot.dynamics.quantities import STATE_FIELDS, base_fields, quantity_table
+from satsep_ot.dynamics.quantities import CONTACT_QUANTITIES, STATE_FIELDS, base_fields, quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import (
@@ -208,10 +208,12 @@ class Outcome:
         Raises
         ------
         ValueError
-            If the runs were made without gradients.
+            If the runs were made without gradients, or the quantity has none.
         """
         if self.gradients is None:
             raise ValueError("the runs have no gradients; simulate_with_gradients gives them")
+        if name in CONTACT_QUANTITIES:
+            raise ValueError(f"{name} has no gradient; take a method that needs none, such as Monte Carlo")
         quantity = self._table[name]
         columns = [self._columns[field] for field in quantity.fields]
         return np.einsum("nc,ncp->np", quantity.gradient(self.base[:, columns]), self.gradients[:, columns])
