@@ -63,7 +63,9 @@ class UncertainInput:
     reference : float
         Value of the input at which the parameters have their nominal values, in `unit`.
     entry : str
-        Name of the entry of the case file that it comes from: one tolerance may make an input for every spring.
+        Name of the entry of the case file that it comes from, which may make an input for every spring.
+    group : str
+        Name of the tolerance that it belongs to: the inputs of one are tightened together.
     key : str
         Table and key of its row in `satsep_ot.model.parameters`, for example "springs.cant".
     series, number : str, int
@@ -88,6 +90,7 @@ class UncertainInput:
     key: str = ""
     series: str = ""
     number: int = 0
+    group: str = ""
 
     @property
     def label(self) -> str:

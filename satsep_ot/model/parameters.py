@@ -130,7 +130,8 @@ def _body(name, meaning):
             field=f"{name}.inertia", scatters=f"inertia {{element}} of the {name} about its centre of mass"),
         Row("center_of_mass", Vector(MILLIMETRE), "centre of mass, `[x, y, z]` from the ring centre",
             field=f"{name}.center_of_mass",
-            scatters=f"centre of mass of the {name} along {{element}} from the ring centre", smallest_scatter=0.05),
+            scatters=f"centre of mass of the {name} along {{element}} from the ring centre", smallest_scatter=0.05,
+            is_lateral=True),
     ), is_needed=True)
 
 
@@ -276,12 +277,12 @@ INITIAL = CaseTable("initial", "The joined stack at t = 0.", (
         "roll, pitch, yaw (3-2-1), or a quaternion `[w, x, y, z]` of norm 1, body to inertial", ZERO,
         "`[0, 0, 0]`, or from `orbit.push`"),
     Row("rates", Vector(DEGREE_PER_SECOND), "rates of the stack in platform axes", ZERO, field="rates",
-        scatters="initial rate about {element}"),
+        scatters="initial rate about {element}", is_lateral=True),
     Row("velocity", Vector(METRE_PER_SECOND),
         "velocity of the pivot in inertial axes, beside that of the orbit; without gravity it changes nothing in the "
         "relative motion", ZERO),
     Row("mounting_error", Vector(DEGREE), "rotation vector of the satellite on the platform", ZERO,
-        field="mounting_error", scatters="mounting error of the satellite about {element}"),
+        field="mounting_error", scatters="mounting error of the satellite about {element}", is_lateral=True),
     Row("pivot", Choice({"stack": Pivot.STACK, "platform": Pivot.PLATFORM}),
         'the point that the stack turns about and that is on the orbit: the centre of mass of the `"stack"`, or of the '
         '`"platform"`', "stack"),
@@ -360,6 +361,10 @@ INPUT = CaseTable("inputs", "An uncertain input.", (
         "`getParameterDescription` names them (a shift `gamma` is 0 by default)", ABSENT),
     Row("mean", Number(), "with the first three, where it is not the nominal value", ABSENT, "nominal value"),
     Row("description", Text(), "free text", ABSENT, "description of the quantity"),
+    Row("group", Name(),
+        "name of the tolerance that the input belongs to: inputs of one group are tightened together. By default "
+        "`.each` makes one group, and so do x and z of a centre of mass, of rates and of a mounting error", ABSENT,
+        "see there"),
     # The distribution's parameters, sigma among them, are further keys.
 ), conditions={"anyOf": [{"required": ["distribution"]}, _one_of(SCATTER_KEYS[:3])]})
 

@@ -48,6 +48,8 @@ class Row:
         The smallest and the largest value of any real separation, in the unit of the file.
     smallest_scatter : float, optional
         The smallest credible scatter in the unit of the file, where it differs from `Unit.smallest_scatter`.
+    is_lateral : bool
+        Whether its x and z are one physical tolerance, across the separation axis.
     """
 
     key: str
@@ -61,6 +63,7 @@ class Row:
     of_connector: tuple[int, ...] = ()
     usual: tuple[float, float] | None = None
     smallest_scatter: float | None = None
+    is_lateral: bool = False
 
     @property
     def unit(self) -> Unit:

@@ -14,11 +14,12 @@ from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.model.inputs import ParameterMap, UncertainInput, joint_distribution
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.model.spelling import did_you_mean
 from satsep_ot.openturns_adapter import raiseInterrupt
 
 
 def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
-    """The inputs of a case by the tolerance, an entry of the case file, that they come from.
+    """The inputs of a case by the tolerance, the group of inputs that is tightened as one, that they belong to.
 
     Parameters
     ----------
@@ -33,11 +34,11 @@ def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
     >>> from satsep_ot.model.case import load_case
     >>> from satsep_ot.studies.drivers import tolerances
     >>> len(tolerances(load_case("reference"))), len(tolerances(load_case("reference"))["stiffness"])
-    (23, 4)
+    (20, 4)
     """
     rows: dict[str, list[UncertainInput]] = {}
     for row in case.inputs:
-        rows.setdefault(row.entry or row.name, []).append(row)
+        rows.setdefault(row.group or row.entry or row.name, []).append(row)
     return rows
 
 
@@ -161,7 +162,7 @@ def scaled_case(case: Case, tolerance: str, scale: float) -> Case:
     ----------
     case : :class:`satsep_ot.model.case.Case`
     tolerance : str
-        An entry of the case file's table [inputs].
+        A key of `tolerances`.
     scale : float
         Positive; 0.5 halves every deviation.
 
@@ -181,9 +182,11 @@ def scaled_case(case: Case, tolerance: str, scale: float) -> Case:
     >>> scaled_case(load_case("reference"), "satellite_mass", 0.5).inputs[0].factor
     0.5
     """
-    names = {row.name for row in tolerances(case).get(tolerance, ())}
-    if not names:
-        raise ValueError(f"'{tolerance}' is no tolerance of this case; it has {', '.join(tolerances(case))}")
+    groups = tolerances(case)
+    if tolerance not in groups:
+        hint = did_you_mean(tolerance, groups)
+        raise ValueError(f"'{tolerance}' is no tolerance of this case; it has {', '.join(groups)}{hint}")
+    names = {row.name for row in groups[tolerance]}
     # It is not what the case file says any more.
     inputs = tuple(row.scaled(scale) if row.name in names else row for row in case.inputs)
     return dataclasses.replace(case, inputs=inputs, text="", files={})

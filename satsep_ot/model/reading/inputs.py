@@ -12,7 +12,7 @@ from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.model.distributions import build_distribution, normal_copula
 from satsep_ot.model.inputs import Target, UncertainInput, check_range, nominal_parameters, scatter_targets
-from satsep_ot.model.parameters import INPUT, SCATTER_KEYS
+from satsep_ot.model.parameters import INPUT, SCATTER_KEYS, parameter_rows
 from satsep_ot.model.reading.table import CaseError, Table, example_of, shown, shown_key
 from satsep_ot.model.spelling import did_you_mean
 from satsep_ot.model.text import parsed_number
@@ -59,8 +59,28 @@ def read_inputs(file: str, entries: Any, separation: Separation) -> tuple[Uncert
         for input_name, target in _targets(table, name, targets):
             if input_name in inputs:
                 raise table.problem(f"{path} gives a second input the name '{input_name}'; names must differ")
-            inputs[input_name] = replace(_input(table, input_name, target, nominal), entry=name)
-    return tuple(inputs.values())
+            row = _input(table, input_name, target, nominal)
+            inputs[input_name] = replace(row, entry=name, group=table.read("group") or "")
+    groups = _default_groups(inputs.values())
+    return tuple(replace(row, group=row.group or groups[row.entry]) for row in inputs.values())
+
+
+def _default_groups(inputs):
+    """The group of each entry that names none: its own, or that of x and z of one physical tolerance."""
+    groups = {row.entry: row.entry for row in inputs}
+    lateral = {f"{table.name}.{row.key}" for table, row in parameter_rows() if row.is_lateral}
+    for key in sorted(lateral):
+        entries = {row.parameters[0][-1:]: row.entry for row in inputs if row.key == key and not row.group}
+        if "x" in entries and "z" in entries:
+            name = _common_name(entries["x"], entries["z"])
+            groups |= {entries[axis]: name for axis in "xz"}
+    return groups
+
+
+def _common_name(first, second):
+    """One name for two: "cg_x" and "cg_z" are "cg_xz"."""
+    stem = first[:-1]
+    return f"{stem}xz" if (first, second) == (f"{stem}x", f"{stem}z") else f"{first} and {second}"
 
 
 def read_copula(tables: Iterable[Table], inputs: tuple[UncertainInput, ...]) -> ot.NormalCopula | None:
@@ -140,7 +160,7 @@ def _distribution(table, kind, unit, reference):
     # An uncertain input stays in the unit of the file.
     number = Number(Unit(unit.name))
     if kind == "distribution":
-        fixed = ("distribution", "quantity", "description")
+        fixed = {key for key in table.rows.keys if key not in SCATTER_KEYS or key == "distribution"} - {"mean"}
         parameters = {key: table.read_as(number, key) for key in table.data if key not in fixed}
         return build_distribution(table.read("distribution"), parameters)
     size = _scatter_size(table, kind, unit, reference)

@@ -1,9 +1,11 @@
 """Which tolerance to tighten, and what that buys."""
 
 import dataclasses
+import math
 
 from satsep_ot.studies.telling.results import HalvedTolerance, StudyResult
-from satsep_ot.studies.telling.verdicts import Effect, Gain, best_estimate, compute_gain
+from satsep_ot.studies.telling.verdicts import Effect, Gain, Status, best_estimate, compute_gain, judge_all
+from satsep_ot.studies.telling.words import interval_text, probability_text
 
 # Tolerances of a requirement that are shown with a tenth less scatter.
 _SHOWN = 5
@@ -50,7 +52,7 @@ def tightening_advice(result: StudyResult) -> dict[str, list[Advice]]:
         now = best_estimate(result.rows_of(requirement))
         ratios = result.ratios.get(requirement, {})
         halves = {row.tolerance: row for row in halved}
-        advice[requirement] = [
+        rows = [
             Advice(
                 name,
                 result.tolerances[name].scatter,
@@ -60,7 +62,14 @@ def tightening_advice(result: StudyResult) -> dict[str, list[Advice]]:
             )
             for name in dict.fromkeys([*list(ratios)[:_SHOWN], *halves])
         ]
+        advice[requirement] = sorted(rows, key=_probability_of_half)
     return {requirement: rows for requirement, rows in advice.items() if rows}
+
+
+def _probability_of_half(row):
+    """By what half of the tolerance leaves; those of which it is not known keep their order behind the others."""
+    known = row.half is not None and row.gain.is_resolved and row.half.probability is not None
+    return row.half.probability if known else math.inf
 
 
 def best_advice(result: StudyResult, advice: dict[str, list[Advice]]) -> dict[str, Advice]:
@@ -71,3 +80,37 @@ def best_advice(result: StudyResult, advice: dict[str, list[Advice]]) -> dict[st
         if now is not None and now.probability and first.half and first.gain.effect is not Effect.NO_ESTIMATE:
             best[requirement] = first
     return best
+
+
+def advice_sentences(result: StudyResult) -> dict[str, str]:
+    """By requirement, which tolerance buys most; a requirement that is met needs none, and the sentence says so.
+
+    Parameters
+    ----------
+    result : StudyResult
+
+    Returns
+    -------
+    sentences : dict of str to str
+    """
+    statuses = {verdict.requirement: verdict.status for verdict in judge_all(result)}
+    sentences = {}
+    for requirement, top in best_advice(result, tightening_advice(result)).items():
+        name, half, now = top.tolerance.replace("_", " "), top.half, best_estimate(result.rows_of(requirement))
+        if half is None or now is None:
+            continue
+        start = f"tighten {name} (now {top.scatter})."
+        if statuses[requirement] is Status.MET:
+            start = f"met, nothing has to be tightened. {name} (now {top.scatter}) would buy most."
+        found = (
+            f"The probability is now {probability_text(now.probability)}. With half of the scatter a violation is "
+            f"{top.gain}."
+        )
+        if top.gain.is_resolved:
+            doubt = "" if half.converged else " (not converged)"
+            found = (
+                f"Half of its scatter changes the probability from {probability_text(now.probability)} to "
+                f"{probability_text(half.probability)} ({interval_text(half.lower95, half.upper95)}): {top.gain}{doubt}."
+            )
+        sentences[requirement] = f"{start} {found}"
+    return sentences

@@ -14,7 +14,7 @@ import markupsafe
 from satsep_ot.methods.common.manifest import Manifest
 from satsep_ot.methods.common.storage import writeWhole
 from satsep_ot.model.case import SYSTEM
-from satsep_ot.studies.telling.advice import best_advice, tightening_advice
+from satsep_ot.studies.telling.advice import advice_sentences, tightening_advice
 from satsep_ot.studies.telling.document import ReportError, read_json, read_results, read_text
 from satsep_ot.studies.telling.remarks import limits, remarks
 from satsep_ot.studies.telling.results import Estimate, Section, StudyResult
@@ -127,7 +127,7 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         interval=interval_text,
         in_words=in_words,
         advice=advice,
-        advised=best_advice(result, advice),
+        advised=advice_sentences(result),
         remarks=remarks(result),
         descriptions={method: METHOD_DESCRIPTIONS[method] for method in result.sizes.methods},
         limits=limits(result),

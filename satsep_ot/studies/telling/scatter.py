@@ -85,6 +85,6 @@ def describe_inputs(rows: Sequence[UncertainInput]) -> str:
     >>> describe_inputs([row for row in load_case("reference").inputs if row.entry == "stiffness"])
     'stiffness of springs 1, 2, 3, 4'
     """
-    if len(rows) > 1 and rows[0].series:
+    if len(rows) > 1 and rows[0].series and len({row.series for row in rows}) == 1:
         return f"{rows[0].series} {', '.join(str(row.number) for row in rows)}"
     return "; ".join(dict.fromkeys(row.description for row in rows))

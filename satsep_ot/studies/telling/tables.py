@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 
 from satsep_ot.model.text import printable
-from satsep_ot.studies.telling.advice import tightening_advice
+from satsep_ot.studies.telling.advice import advice_sentences, tightening_advice
 from satsep_ot.studies.telling.remarks import audit_remarks, remarks
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import headline, judge_all
@@ -70,6 +70,8 @@ def print_study(console: Console, result: StudyResult) -> None:
     console.print()
     for remark in [*remarks(result), *audit_remarks(result)]:
         console.print(f"[bold]![/bold] {escape(remark)}")
+    for requirement, sentence in advice_sentences(result).items():
+        console.print(f"[bold]{escape(requirement)}[/bold]: {escape(sentence)}")
     for line in tightened_lines(result):
         console.print(escape(line))
 
