@@ -47,7 +47,7 @@ def test_all_inputs_of_a_group_are_scaled_together():
     scaled = scaled_case(load_case("reference"), "satellite_cg_xz", 0.5)
     factors = {row.name: row.factor for row in scaled.inputs}
     assert (factors["satellite_cg_x"], factors["satellite_cg_z"], factors["satellite_cg_y"]) == (5e-4, 5e-4, 1e-3)
-    with pytest.raises(ValueError, match="'stifness' is no tolerance .*; did you mean 'stiffness'"):
+    with pytest.raises(ValueError, match=r"'stifness' is no tolerance .*; did you mean 'stiffness'"):
         scaled_case(load_case("reference"), "stifness", 0.5)
 
 

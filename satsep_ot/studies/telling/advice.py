@@ -108,9 +108,10 @@ def advice_sentences(result: StudyResult) -> dict[str, str]:
         )
         if top.gain.is_resolved:
             doubt = "" if half.converged else " (not converged)"
+            interval = interval_text(half.lower95, half.upper95)
             found = (
                 f"Half of its scatter changes the probability from {probability_text(now.probability)} to "
-                f"{probability_text(half.probability)} ({interval_text(half.lower95, half.upper95)}): {top.gain}{doubt}."
+                f"{probability_text(half.probability)} ({interval}): {top.gain}{doubt}."
             )
         sentences[requirement] = f"{start} {found}"
     return sentences
