@@ -167,6 +167,8 @@ class Separation:
     contact, rails, hold_downs : Contact, Rails, HoldDowns or None
         What the bodies touch and what holds them; see `satsep_ot.dynamics.contact`. Without `contact` the deck holds
         nothing, and a run in which the satellite sinks into it fails.
+    coast_times : tuple of float
+        Times after the last release [s] at which distance and attitude are quantities of interest.
 
     Raises
     ------
@@ -208,6 +210,7 @@ class Separation:
     contact: Contact | None = None
     rails: Rails | None = None
     hold_downs: HoldDowns | None = None
+    coast_times: tuple[float, ...] = ()
 
     def __post_init__(self):
         vectors = (("attitude", 4), ("rates", 3), ("mounting_error", 3), ("impulse", 3), ("angular_impulse", 3))

@@ -200,7 +200,21 @@ class Outcome:
     def quantity(self, name: str) -> np.ndarray:
         """The quantity of that name for every run, shape (n,), in its own unit."""
         quantity = self._table[name]
-        return quantity.value(self.base[:, [self._columns[field] for field in quantity.fields]])
+        return quantity.value(self._fields(quantity))
+
+    def _fields(self, quantity):
+        """What a quantity depends on, columns of the base and of the parameters, shape (n, m)."""
+        if all(field in self._columns for field in quantity.fields):
+            return self.base[:, [self._columns[field] for field in quantity.fields]]
+        columns = [
+            self.base[:, self._columns[field]] if field in self._columns else self.parameters[:, self._places[field]]
+            for field in quantity.fields
+        ]
+        return np.column_stack(columns)
+
+    @cached_property
+    def _places(self):
+        return {name: place for place, name in enumerate(self.separation.parameter_names())}
 
     def quantity_gradient(self, name: str) -> np.ndarray:
         """Its gradient with respect to the parameters, shape (n, P), by the chain rule through the base.
@@ -215,8 +229,14 @@ class Outcome:
         if name in CONTACT_QUANTITIES:
             raise ValueError(f"{name} has no gradient; take a method that needs none, such as Monte Carlo")
         quantity = self._table[name]
-        columns = [self._columns[field] for field in quantity.fields]
-        return np.einsum("nc,ncp->np", quantity.gradient(self.base[:, columns]), self.gradients[:, columns])
+        by_field = quantity.gradient(self._fields(quantity))
+        ran = [place for place, field in enumerate(quantity.fields) if field in self._columns]
+        columns = [self._columns[quantity.fields[place]] for place in ran]
+        gradient = np.einsum("nc,ncp->np", by_field[:, ran], self.gradients[:, columns])
+        for place, field in enumerate(quantity.fields):
+            if field not in self._columns:
+                gradient[:, self._places[field]] += by_field[:, place]
+        return gradient
 
     def explain(self, row: int) -> str:
         """One sentence on how run `row` ended; for invalid parameters it names the first and its value."""

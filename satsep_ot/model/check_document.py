@@ -120,7 +120,7 @@ def _requirement(row):
     return {
         "name": entry.name,
         "quantity": entry.quantity,
-        "maximum" if entry.is_maximum else "minimum": entry.limit,
+        **entry.keys(),
         "unit": row.unit,
         "allowed_probability": entry.allowed_probability,
         "met_by_nominal_run": None if math.isnan(row.nominal) else entry.is_met(row.nominal),

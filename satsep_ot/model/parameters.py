@@ -14,7 +14,7 @@ import numpy as np
 from satsep_ot.dynamics.contact import Contact, HoldDowns, Rails
 from satsep_ot.dynamics.gravity import EARTH_GRAVITATIONAL_PARAMETER
 from satsep_ot.dynamics.parameter_vector import Sign, parameter_fields
-from satsep_ot.dynamics.quantities import CONTACT_QUANTITIES, QUANTITIES
+from satsep_ot.dynamics.quantities import CONTACT_QUANTITIES, LONGEST_COAST, QUANTITIES
 from satsep_ot.dynamics.relative_orbit import Recontact
 from satsep_ot.dynamics.separation import Body, Pivot, Separation, Springs
 from satsep_ot.dynamics.springs import ForceLine, Interpolation
@@ -58,6 +58,7 @@ from satsep_ot.model.values import (
     SpringNumbers,
     Tensor,
     Text,
+    Times,
     Vector,
     Word,
 )
@@ -79,6 +80,8 @@ PUSHES = {
 }
 # The ways to say a scatter: an input has exactly one of them.
 SCATTER_KEYS = ("sigma", "three_sigma", "plus_minus", "distribution")
+# The ways to limit a quantity: a requirement has exactly one of them.
+LIMIT_KEYS = ("maximum", "minimum", "between", "maximum_absolute", "minimum_absolute")
 
 
 def _annotation(field):
@@ -326,6 +329,13 @@ RECONTACT = CaseTable(
     Row("end_orbits", Number(ORBITS), "end of the window, above `start_orbits`, at most 100", Recontact.end_orbits),
 ))
 
+COAST = CaseTable(
+    "coast", "The free flight after the last release, in which distance and attitude are quantities of interest.", (
+    Row("times", Times(SECOND, LONGEST_COAST),
+        "times after the last release: `distance_at_10_s`, `attitude_error_at_10_s` and its parts `turn_x_at_10_s`, "
+        "`turn_y_at_10_s`, `turn_z_at_10_s` are quantities then; gravity is left out"),
+))
+
 _ENVELOPE_ONLY = "with an envelope only"
 ENVELOPE = CaseTable(
     "envelope", "Points of the satellite and the recess that they leave; without this table there is no clearance.", (
@@ -378,19 +388,23 @@ CORRELATION = CaseTable("correlation", "Inputs that are correlated with each oth
 REQUIREMENT = CaseTable("requirements", "A limit on a quantity of interest.", (
     Row("name", Name(), "different for each requirement", ABSENT, "the quantity"),
     Row("quantity", Word(
-        (*QUANTITIES, *CONTACT_QUANTITIES, "clearance", "recontact_distance"), "^exit_clearance_[1-9][0-9]*$"
+        (*QUANTITIES, *CONTACT_QUANTITIES, "clearance", "recontact_distance"),
+        "^(exit_clearance_[1-9][0-9]*|(distance|turn_[xyz]|attitude_error)_at_[0-9.]+_s)$",
     ), "a quantity of interest"),
     *(Row(key, Number(), f"the {key} allowed, in the quantity's unit; the limit itself meets the requirement", ABSENT,
-          "exactly one of `maximum` and `minimum`") for key in ("maximum", "minimum")),
+          "exactly one of these five") for key in ("maximum", "minimum")),
+    Row("between", Ends(ONE), "the least and the most allowed, `[least, most]`", ABSENT, "exactly one of these five"),
+    *(Row(f"{key}_absolute", Number(ONE, Sign.POSITIVE), f"the {key} allowed of the absolute value", ABSENT,
+          "exactly one of these five") for key in ("maximum", "minimum")),
     Row("allowed_probability", Number(ONE, Sign.POSITIVE, 1.0), "largest accepted probability of violation", ABSENT),
-), is_list=True, conditions=_one_of(("maximum", "minimum")))
+), is_list=True, conditions=_one_of(LIMIT_KEYS))
 # fmt: on
 
 TABLES = {
     table.name: table
     for table in (
         TOP, *BODIES.values(), SPRINGS, UMBILICAL, CONTACT, HOLD_DOWN, RAILS, IMPULSE, INITIAL, ORBIT, RECONTACT,
-        ENVELOPE, PLANES, INPUT, CORRELATION, REQUIREMENT,
+        COAST, ENVELOPE, PLANES, INPUT, CORRELATION, REQUIREMENT,
     )
 }  # fmt: skip
 

@@ -368,6 +368,8 @@ def _requirement_warnings(case):
         requirement = row.requirement
         violated = not requirement.is_met(row.median)
         hint = _other_unit(row)
+        # Other units are only guessed of limits on the quantity itself.
+        hint = hint if requirement.center is None else None
         far = max(abs(row.median), abs(requirement.limit)) > _FAR * min(abs(row.median), abs(requirement.limit))
         within = row.smallest <= requirement.limit <= row.largest
         if not violated and (hint is None or within or not far):

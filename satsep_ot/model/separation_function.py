@@ -257,9 +257,11 @@ def violating_values(case: Case) -> dict[str, float]:
         # No run that ends well has it: a study counts by it.
         values["last_contact"] = NEVER_FREE
     for entry in reversed(case.requirements):
-        distance = abs(nominal[entry.quantity] - entry.limit)
+        distance = abs(entry.compared(nominal[entry.quantity]) - entry.limit)
         distance = distance if 0.0 < distance < np.inf else abs(entry.limit) or 1.0
         value = entry.limit + distance if entry.is_maximum else entry.limit - distance
+        if entry.center is not None:
+            value = entry.center + max(value, 0.0)
         values[entry.quantity] = value
         parts = table[entry.quantity].norm_of
         values |= {part: value if part == parts[0] else 0.0 for part in parts}

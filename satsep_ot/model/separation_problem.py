@@ -218,7 +218,7 @@ class SeparationProblem(OpenTURNSObject):
         function = ot.Function(SeparationFunction(self._case, quantities=names, countsEndings=True))
 
         def compose(variables, exact):
-            values = [self._quantity(entry.quantity, variables, exact) for entry in requirements]
+            values = [self._compared(entry, variables, exact) for entry in requirements]
             if requirement is not None:
                 return values[0]
             margins = ot.ComposedFunction(self._margins(), ot.AggregatedFunction(values))
@@ -317,13 +317,22 @@ class SeparationProblem(OpenTURNSObject):
         function = selection if outer is None else ot.ComposedFunction(outer, selection)
         return _described(function, self._labels(variables), self._labels([quantity])[0])
 
+    def _compared(self, entry, variables, exact):
+        """What a requirement holds against its limit, as a native function of the variables."""
+        value = self._quantity(entry.quantity, variables, exact)
+        if entry.center is None:
+            return value
+        distance = ot.ComposedFunction(_distance(entry.center), value)
+        unit = self._quantities[entry.quantity].unit
+        return _described(distance, self._labels(variables), f"|{entry.quantity} - {entry.center:g}| [{unit}]")
+
     def _margins(self):
         """The linear map from the requirements' quantities to margins: 0 at the limit, of size 1 at the nominal run."""
         nominal = simulate(self._case.separation)
         requirements = self._case.requirements
         slopes = ot.Matrix(len(requirements), len(requirements))
         for k, entry in enumerate(requirements):
-            scale = abs(nominal.quantity(entry.quantity)[0] - entry.limit) or abs(entry.limit) or 1.0
+            scale = abs(entry.compared(nominal.quantity(entry.quantity)[0]) - entry.limit) or abs(entry.limit) or 1.0
             slopes[k, k] = (-1.0 if entry.is_maximum else 1.0) / scale
         return ot.LinearFunction([entry.limit for entry in requirements], [0.0] * len(requirements), slopes)
 
@@ -344,3 +353,9 @@ def _norm(size):
 
 def _absolute_value():
     return ot.ParametricFunction(ot.SymbolicFunction(["x", "kink"], ["abs(x + kink)"]), [1], [_KINK])
+
+
+def _distance(center):
+    """The distance from a number, which the center of a requirement is."""
+    formula = ot.SymbolicFunction(["x", "center", "kink"], ["abs((x - center) + kink)"])
+    return ot.ParametricFunction(formula, [1, 2], [center, _KINK])

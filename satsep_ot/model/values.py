@@ -260,6 +260,33 @@ class Ends(Vector):
 
 
 @dataclass(frozen=True)
+class Times(Value):
+    """A list of different positive numbers; read as a tuple in ascending order."""
+
+    unit: Unit
+    most: float = math.inf
+
+    def allowed(self, count: int = 0) -> str:
+        return f"a list of different numbers in {self.unit.name}, above 0 and at most {self.most:g}"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        if (
+            not isinstance(given, list)
+            or not given
+            or not all(is_number(time) and 0 < time <= self.most for time in given)
+        ):
+            return False
+        return len({f"{time:g}" for time in given}) == len(given)
+
+    def convert(self, given: Any, count: int = 0) -> tuple[float, ...]:
+        return tuple(sorted(float(time) * self.unit.factor for time in given))
+
+    def schema(self) -> dict[str, Any]:
+        time = {"type": "number", "exclusiveMinimum": 0, "maximum": self.most}
+        return {**_list_of(time, 1), "uniqueItems": True}
+
+
+@dataclass(frozen=True)
 class Direction(Vector):
     """Three numbers that are not all 0; read as a vector of length 1."""
 

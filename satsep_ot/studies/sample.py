@@ -37,10 +37,12 @@ class SampleLimit:
     column: int
     is_maximum: bool
     limit: float
+    center: float | None = None
 
     def violated(self, outputs: np.ndarray) -> np.ndarray:
         """Whether each of the outputs (n, q) violates it, shape (n,)."""
         values = outputs[:, self.column]
+        values = values if self.center is None else np.abs(values - self.center)
         return values > self.limit if self.is_maximum else values < self.limit
 
 
@@ -148,7 +150,7 @@ def run_sample(
     stream = MonteCarloStream(model, distribution, size)
     stream.setEvents(
         {
-            entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit)
+            entry.name: (entry.quantity, ot.Greater() if entry.is_maximum else ot.Less(), entry.limit, entry.center)
             for entry in problem.getRequirements()
         }
         | {COUNTED_RUNS: counted}
@@ -190,7 +192,7 @@ def run_sample(
         sunk=result.getEventNumber(COUNTED_RUNS),
         touched=_touched(path, model) if case.separation.has_contact() else None,
         limits={
-            entry.name: SampleLimit(columns.index(entry.quantity), entry.is_maximum, entry.limit)
+            entry.name: SampleLimit(columns.index(entry.quantity), entry.is_maximum, entry.limit, entry.center)
             for entry in problem.getRequirements()
         },
         inputs=tuple(model.getInputDescription()),

@@ -4,9 +4,12 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-import openturns as ot
 
 from satsep_ot.methods.common.margins import thresholdMargin
+
+
+def _compared(values, center=None):
+    return values if center is None else np.abs(values - center)
 
 
 @dataclasses.dataclass
@@ -39,9 +42,12 @@ class BlockSummary:
     counts: np.ndarray
 
     @staticmethod
-    def of(values: np.ndarray, events: Sequence[tuple[int, ot.ComparisonOperator, float]]) -> "BlockSummary":
-        """The summary of outputs (n, p); an event is (column, comparison operator, threshold)."""
-        inside = [thresholdMargin(operator, limit)(values[:, column]) <= 0.0 for column, operator, limit in events]
+    def of(values: np.ndarray, events: Sequence[tuple]) -> "BlockSummary":
+        """The summary of outputs (n, p); an event is (column, comparison operator, threshold) and perhaps a center."""
+        inside = [
+            thresholdMargin(operator, limit)(_compared(values[:, column], *center)) <= 0.0
+            for column, operator, limit, *center in events
+        ]
         counts = [int(np.count_nonzero(hits)) for hits in inside]
         counts.append(int(np.count_nonzero(np.any(inside, axis=0))) if inside else 0)
         mean = values.mean(axis=0)

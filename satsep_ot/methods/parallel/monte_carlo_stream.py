@@ -123,7 +123,7 @@ class MonteCarloStream(OpenTURNSObject):
         self._size = int(size)
         self._blockSize = int(setting("MonteCarloStream-BlockSize"))
         self._chunkSize: int | None = None
-        self._events: dict[str, tuple[int, ot.ComparisonOperator, float]] = {}
+        self._events: dict[str, tuple[int, ot.ComparisonOperator, float, float | None]] = {}
         self._scheduler = ChunkScheduler()
         self._file: Path | None = None
         self._keeps = "none"
@@ -134,13 +134,14 @@ class MonteCarloStream(OpenTURNSObject):
     def _shown(self):
         return {"size": self._size, "blockSize": self._blockSize, "events": list(self._events)}
 
-    def setEvents(self, events: Mapping[str, tuple[int | str, ot.ComparisonOperator, float]]) -> None:
+    def setEvents(self, events: Mapping[str, tuple]) -> None:
         """Events to be counted.
 
         Parameters
         ----------
-        events : dict of str to (output, operator, threshold)
-            An output is its index or its name, which may leave out the unit in brackets; an operator is
+        events : dict of str to (output, operator, threshold) or (output, operator, threshold, center)
+            With a center that is not None, the distance of the output from it is compared. An output is its index or
+            its name, which may leave out the unit in brackets; an operator is
             :py:class:`openturns.Greater` or another comparison.
 
         Raises
@@ -150,12 +151,13 @@ class MonteCarloStream(OpenTURNSObject):
         """
         labels = list(self._work.function.getOutputDescription())
         found = {}
-        for name, (output, operator, threshold) in events.items():
+        for name, (output, operator, threshold, *more) in events.items():
             column = _outputColumn(labels, output)
             operator = ot.ComparisonOperator(operator)
             # Refuses a threshold that is not finite.
             thresholdMargin(operator, threshold)
-            found[name] = (column, operator, float(threshold))
+            center = None if not more or more[0] is None else float(more[0])
+            found[name] = (column, operator, float(threshold), center)
         self._events = found
 
     def setExecutor(self, executor: Executor | Callable[[], Executor] | None) -> None:
@@ -270,7 +272,10 @@ class MonteCarloStream(OpenTURNSObject):
         # OpenTURNS prints six digits of a distribution's parameters; the runs that it draws tell more.
         first = b"given" if self._distribution is None else work.draw(0).tobytes()
         # In the order of the counts.
-        events = [[name, column, repr(operator), limit] for name, (column, operator, limit) in self._events.items()]
+        events = [
+            [name, column, repr(operator), limit, *([] if center is None else [center])]
+            for name, (column, operator, limit, center) in self._events.items()
+        ]
         digest = hashlib.sha256(first).hexdigest()
         labels = [*function.getInputDescription(), *function.getOutputDescription()]
         return {

@@ -14,7 +14,7 @@ from satsep_ot.model.reading.springs import read_force_line, read_springs, read_
 from satsep_ot.model.reading.table import CaseError, Table, tables
 
 # The tables that a separation is read from, and those of them without which there is no such thing.
-_ABSENT = ("orbit", "recontact", "envelope", "contact", "rails")
+_ABSENT = ("orbit", "recontact", "coast", "envelope", "contact", "rails")
 _PIN_STIFFNESS = 1e8  # N/m, of pins in a case with contact
 _ONE_EACH = ("platform", "satellite", "springs", "impulse", "initial", *_ABSENT)
 
@@ -64,6 +64,7 @@ def read_separation(top: Table, files: dict[str, str]) -> Separation:
             gradient_torque=orbit is not None and table["orbit"].read("gradient_torque"),
             **_read_envelope(table["envelope"]),
             recontact=recontact,
+            coast_times=() if table["coast"] is None else table["coast"].read("times"),
             horizon=top.read("horizon"),
             contact=read_contact(table["contact"], springs),
             rails=read_rails(table["rails"]),

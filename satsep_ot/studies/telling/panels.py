@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from satsep_ot.dynamics.quantities import QUANTITIES
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.studies.telling import figures
 from satsep_ot.studies.telling.advice import tightening_advice
@@ -147,13 +148,14 @@ def _density_panels(result, sample, surrogate_sample):
         yield panel(
             label,
             entry.quantity,
-            limit=entry.limit,
+            limit=entry.ends if entry.center is not None else entry.limit,
             is_maximum=entry.is_maximum,
             probability=best.probability if best else None,
         )
     for name, values in columns.items():
         varies = np.ptp(values) > _SMALLEST_SPREAD * np.abs(values).max()
-        if name not in drawn and not result.quantities[name].part_of and varies:
+        is_main = name not in QUANTITIES or QUANTITIES[name].is_main
+        if name not in drawn and is_main and not result.quantities[name].part_of and varies:
             yield panel(name, name)
 
 

@@ -3,7 +3,7 @@
 from satsep_ot.dynamics.separation import Status as SeparationStatus
 from satsep_ot.dynamics.simulation import contact_events, simulate
 from satsep_ot.model.case import SYSTEM, Case
-from satsep_ot.studies.telling.results import StudyResult
+from satsep_ot.studies.telling.results import RequirementEntry, StudyResult
 from satsep_ot.studies.telling.verdicts import best_estimate, contradiction, estimate_by
 from satsep_ot.studies.telling.words import (
     DESIGN_POINT_METHODS,
@@ -11,6 +11,7 @@ from satsep_ot.studies.telling.words import (
     MINIMUM_BLIND_SPOT,
     NORM_BLIND_SPOTS,
     SYSTEM_BLIND_SPOT,
+    TWO_SIDED_BLIND_SPOT,
     StudyMethod,
     interval_text,
     probability_text,
@@ -117,7 +118,7 @@ def _span(begin, end):
 
 def remarks(result: StudyResult) -> list[str]:
     """Sentences on methods that contradict the estimate that a verdict rests on: by how much, and why."""
-    quantities = {entry.name: entry.quantity for entry in result.requirements}
+    entries = {entry.name: entry for entry in result.requirements}
     sentences = []
     for requirement, rows in result.rows_by_requirement().items():
         best, doubt = best_estimate(rows), contradiction(rows)
@@ -129,7 +130,7 @@ def remarks(result: StudyResult) -> list[str]:
         interval = None if best is None else best.interval
         if best is None or interval is None or interval.probability == 0.0:
             continue
-        why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else _blind_spot(result, quantities[requirement])
+        why = SYSTEM_BLIND_SPOT if requirement == SYSTEM else _blind_spot(result, entries[requirement])
         apart = []
         for method in DESIGN_POINT_METHODS:
             row = estimate_by(method, rows)
@@ -215,8 +216,11 @@ def audit_remarks(result: StudyResult) -> list[str]:
     return [text]
 
 
-def _blind_spot(result: StudyResult, name: str) -> str | None:
-    """Why a plane or a paraboloid misses violations of a limit on a quantity; None where nothing is known."""
+def _blind_spot(result: StudyResult, entry: RequirementEntry) -> str | None:
+    """Why a plane or a paraboloid misses violations of a requirement; None where nothing is known."""
+    if entry.center is not None:
+        return TWO_SIDED_BLIND_SPOT
+    name = entry.quantity
     if any(quantity.part_of == name for quantity in result.quantities.values()):
         return MINIMUM_BLIND_SPOT
     return NORM_BLIND_SPOTS.get(len(result.quantities[name].norm_of))

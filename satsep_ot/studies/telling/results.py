@@ -145,6 +145,24 @@ class RequirementEntry:
     allowed_probability: float | None
     text: str
     unit: str
+    center: float | None = None
+
+    @property
+    def ends(self) -> tuple[float, ...]:
+        """The values of the quantity on the limit."""
+        return self._requirement().ends
+
+    @property
+    def words(self) -> str:
+        """The limit in words, with its unit."""
+        name, (low, *high) = self.quantity.replace("_", " "), self.ends
+        if self.center is None or self.center == 0.0:
+            name = name if self.center is None else f"absolute value of {name}"
+            return f"{name} {'at most' if self.is_maximum else 'at least'} {self.limit:g} {self.unit}"
+        return f"{name} between {low:g} and {high[0]:g} {self.unit}"
+
+    def _requirement(self):
+        return Requirement(self.name, self.quantity, self.limit, self.is_maximum, self.allowed_probability, self.center)
 
     @staticmethod
     def of(requirement: Requirement, unit: str) -> "RequirementEntry":

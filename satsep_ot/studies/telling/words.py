@@ -62,6 +62,7 @@ NORM_BLIND_SPOTS = {
     2: "the limit state is a circle around the mean, which no tangent plane or paraboloid follows",
     3: "the limit state is a sphere around the mean, which no tangent plane or paraboloid follows",
 }
+TWO_SIDED_BLIND_SPOT = "each of the two ends of the range has a design point, and the search ends in one"
 MINIMUM_BLIND_SPOT = "every point of the envelope has a design point of its own, and the search ends in one"
 SYSTEM_BLIND_SPOT = "every requirement has design points of its own, and the search ends in one"
 

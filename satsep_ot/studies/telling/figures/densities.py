@@ -73,7 +73,7 @@ def draw_density(
     density: tuple[np.ndarray, np.ndarray] | None = None,
     label: str = "",
     unit: str = "",
-    limit: float | None = None,
+    limit: float | tuple[float, ...] | None = None,
     is_maximum: bool = True,
     probability: float | None = None,
     bins: int = 60,
@@ -89,10 +89,10 @@ def draw_density(
         By the surrogate.
     label, unit : str
         Of the quantity.
-    limit : float, optional
-        Of the requirement.
+    limit : float or (float, float), optional
+        Of the requirement: one, or the two ends of a range.
     is_maximum : bool
-        Whether values above the limit violate the requirement, or those below.
+        Whether values above the limit violate the requirement, or those below; of a range, those outside, or inside.
     probability : float, optional
         Probability of violation; by default the share of the sample.
     bins : int
@@ -144,14 +144,24 @@ def draw_density(
     margin = 0.04 * (high - low)
     low, high = low - margin, high + margin
     if limit is not None:
-        low, high = min(low, limit - 3.0 * margin), max(high, limit + 3.0 * margin)
+        ends = np.atleast_1d(limit)
+        low, high = min(low, ends[0] - 3.0 * margin), max(high, ends[-1] + 3.0 * margin)
+        outside = [(low, ends[0]), (ends[-1], high)]
+        violated = (
+            [tuple(ends)]
+            if len(ends) > 1 and not is_maximum
+            else outside
+            if len(ends) > 1
+            else outside[is_maximum:][:1]
+        )
         if probability is None:
-            probability = float(np.mean(sample > limit if is_maximum else sample < limit))
-        ax.axvline(limit, color=ORANGE, linestyle="--", label=f"limit {limit:g}")
-        ax.axvspan(
-            *((limit, high) if is_maximum else (low, limit)), facecolor="none", edgecolor=ORANGE, alpha=0.5,
-            hatch="//", linewidth=0, label=f"violated: {probability_text(probability, 2)}",
-        )  # fmt: skip
+            probability = float(sum(np.mean((sample > start) & (sample < end)) for start, end in violated))
+        for place, end in enumerate(ends):
+            label = f"limit {', '.join(f'{end:g}' for end in ends)}" if place == 0 else None
+            ax.axvline(end, color=ORANGE, linestyle="--", label=label)
+        for place, span in enumerate(violated):
+            label = f"violated: {probability_text(probability, 2)}" if place == 0 else None
+            ax.axvspan(*span, facecolor="none", edgecolor=ORANGE, alpha=0.5, hatch="//", linewidth=0, label=label)
     ax.set_xlim(low, high)
     # Numbers with more zeros would run into each other.
     ax.ticklabel_format(axis="x", scilimits=(-4, 6))
