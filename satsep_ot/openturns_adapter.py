@@ -204,12 +204,54 @@ def sameObjects(first: Any, second: Any) -> bool:
     (True, False)
     """
     # Two events, or two polynomial factories, are never equal, two functions always. Remove when == compares states.
+    return type(first) is type(second) and exactText(first) == exactText(second)
+
+
+def exactText(thing: Any) -> str:
+    """All that an OpenTURNS object prints of itself, with all digits; Python functions print their names only.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import exactText
+    >>> exactText(ot.Dirac(0.1)).split("values=")[1]
+    '[0.10000000000000001]'
+    """
+    # The number of digits is a setting of the whole process. Remove when repr() has all of them.
     precision = ot.PlatformInfo.GetNumericalPrecision()
     ot.PlatformInfo.SetNumericalPrecision(17)
     try:
-        return type(first) is type(second) and repr(first) == repr(second)
+        return repr(thing)
     finally:
         ot.PlatformInfo.SetNumericalPrecision(precision)
+
+
+def generatorState() -> dict[str, Any]:
+    """The state of ``ot.RandomGenerator`` as plain data, for `setGeneratorState`.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import generatorState, setGeneratorState
+    >>> state = generatorState()
+    >>> number = ot.RandomGenerator.Generate()
+    >>> setGeneratorState(state)
+    >>> ot.RandomGenerator.Generate() == number
+    True
+    """
+    state = ot.RandomGenerator.GetState()
+    ot.RandomGenerator.Generate()
+    if state.getIndex() == 0 and ot.RandomGenerator.GetState().getBuffer() != state.getBuffer():
+        # Before its first use it has no state, only a seed. Remove when GetState() gives what it would begin with.
+        ot.RandomGenerator.SetSeed(ot.ResourceMap.GetAsUnsignedInteger("RandomGenerator-InitialSeed"))
+        state = ot.RandomGenerator.GetState()
+    ot.RandomGenerator.SetState(state)
+    return {"buffer": list(state.getBuffer()), "index": state.getIndex()}
+
+
+def setGeneratorState(state: dict[str, Any]) -> None:
+    """Let ``ot.RandomGenerator`` go on from a state."""
+    ot.RandomGenerator.SetState(ot.RandomGeneratorState(ot.Indices(state["buffer"]), state["index"]))
 
 
 def isPython(thing: Any) -> bool:

@@ -1,13 +1,16 @@
 """Run reliability methods on one event under the same accounting: evaluations, gradients, seconds, failures to run."""
 
 import dataclasses
+import os
 import time
 import warnings
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 import openturns as ot
 
+from satsep_ot.methods.common.run_log import CheckpointFile, fingerprintOf, loggedFunction
 from satsep_ot.methods.common.tables import csvTable, latexTable, markdownTable, textTable
 from satsep_ot.methods.comparison.method import CountedProblem, ReliabilityMethod, Row
 from satsep_ot.methods.comparison.methods import makeMethod
@@ -18,7 +21,9 @@ from satsep_ot.openturns_adapter import (
     countingFunction,
     errorMessage,
     eventKind,
+    generatorState,
     raiseInterrupt,
+    setGeneratorState,
 )
 from satsep_ot.openturns_object import OpenTURNSObject
 
@@ -71,6 +76,8 @@ class ReliabilityComparison(OpenTURNSObject):
         self._runsCallback: Callable[[np.ndarray, np.ndarray], None] | None = None
         self._stopCallback: Callable[[], bool] | None = None
         self._budget: int | None = None
+        self._checkpointFile: Path | None = None
+        self._checksModel = True
         self._announces = True
         self._result: ReliabilityComparisonResult | None = None
 
@@ -122,8 +129,32 @@ class ReliabilityComparison(OpenTURNSObject):
         self._budget = None if number is None else int(number)
         self._announces = False
 
+    def setCheckpointFile(self, path: str | os.PathLike | None, checksModel: bool = True) -> None:
+        """Keep every true run in this file, and continue from it where it is there; None (default) for no file.
+
+        Each call of the event's function is in the file before the next one. A run() that was killed is continued by
+        the same one: every method begins at the random numbers at which it began, takes from the file the runs that are
+        there, and gives the row that it would have given, but for the seconds. Reading the file executes nothing.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A file of its own for each comparison. Runs of cheap functions take longer to write than to make.
+        checksModel : bool
+            Whether one run is made again at first, which no row counts, so that runs of another function are refused:
+            beside names, no other trace of a Python function can be compared. False for a function that is noisy.
+        """
+        self._checkpointFile = None if path is None else Path(path)
+        self._checksModel = bool(checksModel)
+
     def run(self) -> None:
-        """Run the methods one after the other."""
+        """Run the methods one after the other.
+
+        Raises
+        ------
+        ValueError
+            The checkpoint file is damaged, or that of another comparison or model.
+        """
         dear = {method.name: method.getMaximumEvaluations() or 0 for method in self._methods}
         told = ", ".join(f"{name} up to {number:,}" for name, number in dear.items() if number > TOLD_EVALUATIONS)
         if self._announces and told:
@@ -133,10 +164,11 @@ class ReliabilityComparison(OpenTURNSObject):
                 stacklevel=2,
             )
         self._result = ReliabilityComparisonResult([])
-        for method in self._methods:
+        file = self._openCheckpoint()
+        for place, method in enumerate(self._methods):
             if self._stopCallback is not None and self._stopCallback():
                 return
-            row = self._runMethod(method)
+            row = self._runMethod(method, None if file is None else self._continueMethod(file, place))
             self._result.getRows().append(row)
             if self._rowCallback is not None:
                 self._rowCallback(row)
@@ -147,7 +179,34 @@ class ReliabilityComparison(OpenTURNSObject):
             raise RuntimeError("there is no result yet; call run() first")
         return self._result
 
-    def _runMethod(self, method):
+    def _openCheckpoint(self):
+        if self._checkpointFile is None:
+            return None
+        things = {
+            "distribution": Limit.of(self._event).vector.getDistribution(),
+            "event": self._event,
+            "components": self._components,
+            "methods": self._methods,
+            "maximum of evaluations": self._budget,
+        }
+        return CheckpointFile(self._checkpointFile, fingerprintOf(**things), {})
+
+    def _continueMethod(self, file, place):
+        """The true runs of a method that are there; random numbers go on as at its beginning."""
+        section = f"{place} {self._methods[place].name}"
+        setGeneratorState(file.enterSection(section, generatorState()))
+        log = file.log(section)
+        if place == 0 and self._checksModel:
+            for name, function in self._ownFunctions().items():
+                log.checkModel(name, lambda x, function=function: callFunction(function, x))
+        return log
+
+    def _ownFunctions(self):
+        """The user's functions, by the names that a checkpoint knows."""
+        functions = {"function": Limit.of(self._event).function}
+        return functions if self._components is None else {**functions, "components": self._components[0]}
+
+    def _runMethod(self, method, log):
         counter = Counter(self._runsCallback, self._budget)
         if self._budget is not None:
             method = method.within(self._budget)
@@ -160,19 +219,26 @@ class ReliabilityComparison(OpenTURNSObject):
         report(0.0)
         start = time.perf_counter()
         try:
-            row = method.run(self._problem(counter, report))
+            row = method.run(self._problem(counter, report, log))
         except Exception as error:
             raiseInterrupt(error)
+            if log is not None and log.refused is not None:
+                raise log.refused from error
             row = Row(method.name, note=f"{type(error).__name__}: {errorMessage(error)}")
         row.seconds = time.perf_counter() - start
         row.evaluations, row.gradients = counter.evaluations, counter.gradients
         report(100.0)
         return row
 
-    def _problem(self, counter, report):
+    def _problem(self, counter, report, log):
         limit = Limit.of(self._event)
-        distribution = limit.vector.getDistribution()
         components = self._components
+        if log is not None:
+            own = {name: loggedFunction(log, name, function) for name, function in self._ownFunctions().items()}
+            limit.function = own["function"]
+            if components is not None:
+                components = (own["components"], *components[1:])
+        distribution = limit.vector.getDistribution()
         if eventKind(self._event) == "ThresholdEvent":
             function = limit.function
             operator, threshold = self._event.getOperator(), self._event.getThreshold()

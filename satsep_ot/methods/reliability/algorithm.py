@@ -1,7 +1,9 @@
 """Probability of failure by a surrogate that is corrected by true runs, or by true runs around failure modes."""
 
 import dataclasses
+import os
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import openturns as ot
 
@@ -184,6 +186,25 @@ class ActiveSubspaceReliability:
         _refuseNotCallable("stop", callback)
         self._settings.stopCallback = callback
 
+    def setCheckpointFile(self, path: str | os.PathLike | None, checksModel: bool = True) -> None:
+        """Keep every true run in this file, and continue from it where it is there; None (default) for no file.
+
+        Each block of runs is in the file before the next one starts. A run() that was killed, or ended by an error or
+        Ctrl-C, is continued by the same one: it goes on with the random numbers of the first one, whatever the
+        seed is now, takes from the file the runs that are there, and gives the result, to the last bit, that it would
+        have given. A run that failed is made again.
+
+        Parameters
+        ----------
+        path : str or path, optional
+            A file of its own for each computation. Reading it executes nothing.
+        checksModel : bool
+            Whether one run is made again at first, so that runs of another function are refused: beside names, no
+            other trace of a Python function can be compared. False for a function that is noisy or dear.
+        """
+        self._settings.checkpointFile = None if path is None else Path(path)
+        self._settings.checksModel = bool(checksModel)
+
     def getResult(self) -> ActiveSubspaceReliabilityResult:
         """Accessor to the result of `run`."""
         if self._result is None:
@@ -213,7 +234,8 @@ class ActiveSubspaceReliability:
         Raises
         ------
         ValueError
-            The evaluation limit is too small, an output is not finite, the composition is not the event's variable.
+            The evaluation limit is too small, an output is not finite, the composition is not the event's variable, or
+            the checkpoint file is damaged, or that of another computation or model.
         RuntimeError
             The function failed; the message says in which phase and how many runs are kept (`getRuns`).
         """

@@ -9,6 +9,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.margins import thresholdMargin
+from satsep_ot.methods.common.run_log import RunLog
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
 from satsep_ot.openturns_adapter import callFunction, eventKind, hasGradient, raiseInterrupt
 
@@ -171,6 +172,7 @@ class LimitStateEvent:
                 f"the policy for non-finite outputs is {nonFinitePolicy!r}; give one of {NON_FINITE_POLICIES}"
             )
         self._checkValue = None
+        self._log = RunLog()
         self.complement = False
         self.nonFinitePolicy = nonFinitePolicy
         self.nonFiniteNumber = 0
@@ -213,7 +215,7 @@ class LimitStateEvent:
             )
         self.function = function
         self._threshold = event.getThreshold()
-        self._checkValue = lambda x: limit.margin(callFunction(limit.function, x))
+        self._checkValue = lambda x: limit.margin(self._logged("event", limit.function, x))
         self._margin = lambda values: limit.margin(callFunction(composition, values))
         self._surrogateMargin = lambda values: limit.margin(callFunction(reduced, values))
 
@@ -273,6 +275,21 @@ class LimitStateEvent:
             )
         return 1
 
+    def keepRuns(self, log: RunLog, checksModel: bool) -> None:
+        """From now on take the runs that a log has, and give it the others.
+
+        Raises
+        ------
+        ValueError
+            The log is of another function, where that is to be checked.
+        """
+        if checksModel:
+            log.checkModel("function", lambda x: callFunction(self.function, x))
+        self._log = log
+
+    def _logged(self, name, function, x, tolerant=False):
+        return self._log.values(name, x, lambda x: callFunction(function, x), function.getOutputDimension(), tolerant)
+
     def evaluate(self, u: np.ndarray, phase: str = "", exploring: bool = False) -> Runs:
         """One true run at each point (n, d) of standard space.
 
@@ -281,11 +298,16 @@ class LimitStateEvent:
         u : array (n, d)
         phase : str
         exploring : bool
-            Where the policy is to raise, a run that is not finite counts as safe and as unknown instead: it was asked
-            for where inputs are not likely.
+            The inputs are not likely: a run in which the function fails is not finite, and where the policy is to
+            raise, a run that is not finite counts as safe and as unknown.
+
+        Raises
+        ------
+        IncompleteBlockError
+            Some runs failed; the others are kept.
         """
         x = self.space.toPhysical(u)
-        return self.runsOf(u, x, callFunction(self.function, x), phase, exploring)
+        return self.runsOf(u, x, self._logged("function", self.function, x, exploring), phase, exploring)
 
     def runsOf(self, u: np.ndarray, x: np.ndarray, outputs: np.ndarray, phase: str, exploring: bool) -> Runs:
         """Runs of given outputs (n, p), see `evaluate`."""
@@ -293,7 +315,7 @@ class LimitStateEvent:
         failed = np.zeros(len(outputs), dtype=bool)
         finite = np.isfinite(outputs).all(axis=1)
         if finite.any():
-            margins[finite] = self._margin(outputs[finite])
+            margins[finite] = (self._definedMargin if exploring else self._margin)(outputs[finite])
             finite &= np.isfinite(margins)
             failed[finite] = margins[finite] <= 0.0
         if not finite.all():
@@ -314,6 +336,17 @@ class LimitStateEvent:
             margins, failed = -margins, ~failed
         return Runs(u, x, outputs, margins, failed, finite, np.full(size, phase), np.full(size, np.nan), np.zeros(size))
 
+    def _definedMargin(self, outputs):
+        """Margins (n,), NaN where the composition is not defined."""
+        try:
+            return self._margin(outputs)
+        except Exception as error:
+            raiseInterrupt(error)
+            if len(outputs) == 1:
+                return np.full(1, np.nan)
+            # One of them alone may be the reason.
+            return np.concatenate([self._definedMargin(row[None]) for row in outputs])
+
     def exactGradient(self, u: np.ndarray, outputs: np.ndarray) -> np.ndarray:
         """Gradient (d,) of the limit state at a point of standard space, by the function's own gradient.
 
@@ -323,7 +356,7 @@ class LimitStateEvent:
         outputs : array (p,)
             Of the function there.
         """
-        jacobian = np.array(self.function.gradient(self.space.toPhysical(u[None])[0]))
+        jacobian = self._log.gradient("function", self.space.toPhysical(u[None])[0], self.function)
         steps = 1e-6 * np.maximum(np.abs(outputs), np.linalg.norm(jacobian, axis=0))
         steps = np.where(steps > 0.0, steps, 1e-6)
         margins = self._margin(np.vstack([outputs, outputs + np.diag(steps)]))

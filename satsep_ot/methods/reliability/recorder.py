@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from satsep_ot.methods.common.run_log import IncompleteBlockError
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.settings import ReliabilitySettings
 from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
@@ -64,7 +65,8 @@ class RunRecorder:
         ValueError
             An output is not finite, and the policy is to raise.
         RuntimeError
-            The function failed; the message says in which phase and how many runs are kept.
+            The function failed; the message says in which phase and how many runs are kept. Where it fails in some
+            runs of a block only, the others are kept.
         Stopped
             The stop callback asked for it; the runs are kept.
         """
@@ -83,15 +85,7 @@ class RunRecorder:
         Stopped
             The stop callback asked for it; the runs are kept.
         """
-        try:
-            runs = self._limitState.evaluate(u, phase, exploring=True)
-        except Exception as error:
-            raiseInterrupt(error)
-            if len(u) > 1:
-                # One point alone may be the reason.
-                return Runs.concatenate([self.explore(point[None], phase) for point in u])
-            outputs = np.full((1, self._limitState.function.getOutputDimension()), np.nan)
-            runs = self._limitState.runsOf(u, self._limitState.space.toPhysical(u), outputs, phase, exploring=True)
+        runs = self._limitState.evaluate(u, phase, exploring=True)
         self._keep(runs, phase)
         self._serveCallbacks()
         return runs
@@ -128,6 +122,14 @@ class RunRecorder:
             runs = self._limitState.evaluate(u, phase)
         except ValueError:
             raise
+        except IncompleteBlockError as error:
+            before, done = len(self), error.done
+            x = self._limitState.space.toPhysical(u[done])
+            self._keep(self._limitState.runsOf(u[done], x, error.values[done], phase, exploring=True), phase)
+            raise RuntimeError(
+                f"the function failed in the phase {phase!r}; getRuns() has the other {np.count_nonzero(done)} runs of "
+                f"the block and the {before} before it: {error}"
+            ) from error
         except Exception as error:
             raiseInterrupt(error)
             kept = len(self)

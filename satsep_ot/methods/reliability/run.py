@@ -8,6 +8,7 @@ import numpy as np
 import openturns as ot
 
 from satsep_ot.methods.common.intervals import ConfidenceInterval
+from satsep_ot.methods.common.run_log import CheckpointFile, fingerprintOf
 from satsep_ot.methods.reliability.audits import WideDesign
 from satsep_ot.methods.reliability.estimate import CrudeEstimate, Estimate
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
@@ -21,6 +22,7 @@ from satsep_ot.methods.reliability.subset_simulation import runSubsetSimulation
 from satsep_ot.methods.reliability.surrogate import FEW_INPUTS
 from satsep_ot.methods.reliability.surrogate_sampling import SurrogateSampling, Verdict
 from satsep_ot.methods.reliability.surrogate_view import SurrogateView
+from satsep_ot.openturns_adapter import generatorState, setGeneratorState
 
 # Wide runs of an estimate from a surrogate and of one from modes, and with targets that say less.
 _AUDITS = {"fast": (80, 250), "safe": (240, 500)}
@@ -43,6 +45,11 @@ class ReliabilityRun:
     ----------
     event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
     settings : ReliabilitySettings
+
+    Raises
+    ------
+    ValueError
+        The checkpoint file is damaged, or that of another computation or model.
 
     Attributes
     ----------
@@ -68,6 +75,11 @@ class ReliabilityRun:
             settings.surrogateComposition,
             settings.nonFinitePolicy,
         )
+        if settings.checkpointFile is not None:
+            things = {"distribution": self.limitState.distribution, "event": event, **settings.deciding()}
+            file = CheckpointFile(settings.checkpointFile, fingerprintOf(**things), generatorState())
+            self.limitState.keepRuns(file.log(), settings.checksModel)
+            setGeneratorState(file.start)
         self.generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
         self.recorder = RunRecorder(self.limitState, settings, self.generator)
         self._wideDesign = WideDesign(self.limitState.dimension, self.generator)

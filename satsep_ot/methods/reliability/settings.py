@@ -2,10 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
 import openturns as ot
 
 MODES = ("fast", "safe")
+_OUTSIDE = ("progressCallback", "stopCallback", "checkpointFile", "checksModel")
 
 
 @dataclasses.dataclass
@@ -23,3 +26,11 @@ class ReliabilitySettings:
     nonFinitePolicy: str = "raise"
     progressCallback: Callable[[float], None] | None = None
     stopCallback: Callable[[], bool] | None = None
+    checkpointFile: Path | None = None
+    checksModel: bool = True
+
+    def deciding(self) -> dict[str, Any]:
+        """Those that decide on the runs, by name."""
+        return {
+            field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in _OUTSIDE
+        }
