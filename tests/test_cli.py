@@ -277,8 +277,9 @@ def test_study_says_by_its_exit_code_that_a_requirement_is_not_met(tmp_path, cap
 
 def test_interrupted_study_stops_and_says_what_it_kept(tmp_path, monkeypatch, capsys):
     from satsep_ot.studies.separation_study import SeparationStudy
+    from satsep_ot.studies.steps import StudySteps
 
-    run, done = SeparationStudy._runMethod, []
+    run, done = StudySteps.estimate, []
 
     def interrupt_the_second(study, *arguments):
         if done:
@@ -286,10 +287,10 @@ def test_interrupted_study_stops_and_says_what_it_kept(tmp_path, monkeypatch, ca
         done.append(arguments)
         return run(study, *arguments)
 
-    monkeypatch.setattr(SeparationStudy, "_runMethod", interrupt_the_second)
+    monkeypatch.setattr(StudySteps, "estimate", interrupt_the_second)
     output = tmp_path / "results"
     arguments = ["study", small(tmp_path, ROLLING), "--output", str(output), "--runs", "1000", "--methods"]
-    assert cli.main([*arguments, "FORM", "MonteCarlo"]) == 130
+    assert cli.main([*arguments, "FORM", "SORM"]) == 130
     said = capsys.readouterr().err.splitlines()[-1]
     kept = f"what was finished is kept in {output}: the same command with --resume continues from there"
     assert said == f"satsep-ot: interrupted; {kept}"
@@ -300,7 +301,7 @@ def test_interrupted_study_stops_and_says_what_it_kept(tmp_path, monkeypatch, ca
     # What was finished is not made again.
     monkeypatch.undo()
     monkeypatch.setattr(SeparationStudy, "_runSample", None)
-    assert cli.main([*arguments, "FORM", "MonteCarlo", "--resume"]) == 0
+    assert cli.main([*arguments, "FORM", "SORM", "--resume"]) == 0
     results = json.loads((output / "results.json").read_text(encoding="utf-8"))
     assert results["complete"] is True
     assert len(results["rows"]) == 4

@@ -459,6 +459,23 @@ def test_a_run_ends_as_soon_as_the_verdict_is_known(seed):
     assert below.getEvaluationNumber("audit") >= 80
 
 
+def test_a_verdict_waits_for_the_precision_that_is_asked_for():
+    truth = norm.sf(2.5)
+    for allowed, ending in ((10.0 * truth, Ending.BELOW_ALLOWED), (0.1 * truth, Ending.ABOVE_ALLOWED)):
+        algorithm = ActiveSubspaceReliability(event(lambda u: 2.5 - u[:, 0]))
+        algorithm.setAllowedProbability(allowed, 0.1)
+        algorithm.setTargetCoefficientOfVariation(0.01)
+        ot.RandomGenerator.SetSeed(0)
+        algorithm.run()
+        result = algorithm.getResult()
+        assert result.getEnding() is ending
+        assert result.getCoefficientOfVariation() <= 0.1
+        # Then both bounds of the interval are known.
+        assert result.getConfidenceInterval(0.95).getUpperBound()[0] < 2.0 * truth
+    with pytest.raises(ValueError, match=r"the coefficient of variation is 0\.0; it must be positive"):
+        algorithm.setAllowedProbability(1e-3, 0.0)
+
+
 def test_the_verdict_of_the_complement():
     truth = norm.cdf(2.5)
     for allowed, ending in ((0.9, Ending.ABOVE_ALLOWED), (0.9999, Ending.BELOW_ALLOWED)):

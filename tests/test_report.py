@@ -202,7 +202,7 @@ def test_the_page_stands_alone(page, results):
 def test_everything_to_repeat_it_is_there(page, results):
     text = visible_text(page)
     command = "satsep-ot study case.toml --seed 5 --runs 5000 --methods ActiveSubspace FORM MonteCarlo"
-    assert f"{command} --tolerances 1 --precision 0.05" in text
+    assert f"{command} --tolerances 1 --gradients 50 --output repeated" in text
     assert 'cant = { quantity = "springs.cant.each", sigma = 0.02 }' in text
     assert "Another processor, or another version of numba, may fuse products and sums differently" in text
     for name, version in results["versions"].items():

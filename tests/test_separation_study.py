@@ -115,12 +115,12 @@ def test_results_are_saved_whole_and_can_be_read_again(study, tmp_path):
 
 def test_a_row_does_not_depend_on_the_other_methods(study):
     alone = SeparationStudy(SeparationProblem("reference"), ["ActiveSubspace"], 5, sampleSize=1)
-    row = alone._runMethod("spin", "ActiveSubspace")
+    row = alone._steps.estimate("spin", "ActiveSubspace").value
     assert row.probability == rows(study, "spin")["ActiveSubspace"].probability
 
 
 def test_the_surrogates_law_is_that_of_the_sample(study):
-    study._start("surrogate")
+    study._steps.start("surrogate")
     law = sample_surrogates(study._problem, study.getComponents(), SIZE)
     columns = list(study._problem.getFunction().getOutputDescription())
     for entry in study._problem.getRequirements():

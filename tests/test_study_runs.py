@@ -189,7 +189,7 @@ def test_another_case_is_refused_and_the_same_in_other_words_continued(directory
         study(CASE).saveRows(directory)
     again = study("# The same.\n" + CASE)
     again.setDirectory(directory, resume=True)
-    again._runSample = again._runMethod = None
+    again._runSample = again._keepMade = None
     again.run()
     assert len(again.getResult().rows) == 8
     again.close()
@@ -258,7 +258,7 @@ def test_an_interrupt_of_a_halved_tolerance_is_one(monkeypatch):
 
     monkeypatch.setattr("satsep_ot.studies.drivers.changed_probability", interrupt)
     with pytest.raises(KeyboardInterrupt):
-        SeparationStudy(problem(), ["ActiveSubspace"])._halve("rolling", "rate_y")
+        SeparationStudy(problem(), ["ActiveSubspace"])._steps.halve("rolling", "rate_y")
 
 
 def test_overwrite_leaves_what_others_have_put_into_the_folders_of_a_study(directory, tmp_path):
@@ -302,7 +302,7 @@ def test_a_study_can_be_told_the_same_directory_again(tmp_path, monkeypatch):
 
 def test_the_precision_that_is_asked_for_is_reached():
     study = SeparationStudy(SeparationProblem("reference"), targetCoefficientOfVariation=0.035)
-    row = study._runMethod("lateral rate", "ActiveSubspace")
+    row = study._steps.estimate("lateral rate", "ActiveSubspace").value
     assert row.converged
     assert 0.02 < row.coefficient_of_variation <= 0.035
     with pytest.raises(ValueError, match=r"targetCoefficientOfVariation = 0\.001; it must be between 0\.01 and 0\.5"):

@@ -116,6 +116,29 @@ def test_why_nothing_can_be_said(rows, sentence):
     assert judge("spin", rows, 1e-3) == Verdict("spin", Status.UNKNOWN, sentence, None)
 
 
+@pytest.mark.parametrize(
+    ("estimate", "allowed", "sentence"),
+    [
+        (row("ActiveSubspace", 9e-4, 1.1e-3), 9.5e-4, "--precision 0.018."),
+        (
+            replace(row("MonteCarlo", 0.0, 3e-3), probability=0.0),
+            1e-3,
+            "About 3,000 runs without a violation would decide it",
+        ),
+        (row("MonteCarlo", 5e-4, 2e-3), 1.5e-3, "--runs "),
+        (
+            row("ActiveSubspace", 9e-4, 1.1e-3),
+            1.001e-3,
+            "may still leave it open, so near is the estimate: satsep-ot study case.toml --precision 0.01.",
+        ),
+    ],
+)
+def test_what_is_undecided_names_the_command_that_decides_it(estimate, allowed, sentence):
+    verdict = judge("spin", [estimate], allowed)
+    assert verdict.status == "undecided"
+    assert sentence in verdict.sentence
+
+
 def test_headlines_of_none_one_and_all():
     assert headline([]) == "The case has no requirements."
     met = Verdict("spin", Status.MET, "", None)
@@ -133,7 +156,7 @@ def test_what_a_surrogate_may_have_missed_is_bounded_where_it_is_called_met():
     assert judge("spin", [ACTIVE], 3e-3).sentence.endswith("the method MonteCarlo would bound it.")
     # Where it decides by itself, and where nothing is called met, there is nothing to add.
     assert judge("spin", [crude], 5e-3).sentence.endswith("within the allowed 5e-3.")
-    assert judge("spin", [ACTIVE, crude], 1.5e-3).sentence.endswith("More runs can decide it.")
+    assert judge("spin", [ACTIVE, crude], 1.5e-3).sentence.endswith("--precision 0.01.")
 
 
 def test_gains_are_told_in_words():

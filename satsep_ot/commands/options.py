@@ -22,6 +22,11 @@ def count(text: str) -> int:
     return _whole(text, 0, 100)
 
 
+def gradients(text: str) -> int:
+    """A number of gradients."""
+    return _whole(text, 0, 100_000)
+
+
 def repetitions(text: str) -> int:
     """A number of repetitions."""
     return _whole(text, 1, 100_000)

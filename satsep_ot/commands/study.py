@@ -1,7 +1,9 @@
 """`satsep-ot study`."""
 
 import argparse
+import os
 from pathlib import Path
+from typing import Any
 
 from satsep_ot.commands import options as types
 from satsep_ot.commands.printing import console, fail, progress
@@ -15,6 +17,22 @@ EXAMPLES = (
     "  satsep-ot study mine.toml --output results --seed 7 --resume     after an interruption\n"
     "  satsep-ot study mine.toml --methods ActiveSubspace MonteCarlo"
 )
+# What --quick sets where it is not given.
+QUICK: dict[str, Any] = {
+    "runs": 100_000,
+    "methods": [StudyMethod.ACTIVE_SUBSPACE.value, StudyMethod.MONTE_CARLO.value],
+    "tolerances": 0,
+    "gradients": 0,
+}
+_FULL: dict[str, Any] = {
+    "runs": 500_000,
+    "methods": [*DEFAULT_METHODS],
+    "tolerances": 2,
+    "gradients": 300,
+    "precision": None,
+}
+# A study with a smaller sample is done before other processes have begun.
+_WORTH_PROCESSES = 50_000
 METHODS = tuple(method.value for method in StudyMethod)
 
 
@@ -30,11 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--seed", type=types.seed, default=0, metavar="N", help="seed of the random generator (default: 0)"
     )
     parser.add_argument(
-        "--methods", nargs="+", choices=METHODS, default=[*DEFAULT_METHODS], metavar="METHOD",
+        "--methods", nargs="+", choices=METHODS, metavar="METHOD",
         help=f"which methods to run (default: all but PaperChain): {', '.join(METHODS)}",
     )  # fmt: skip
     parser.add_argument(
-        "--runs", type=types.positive, default=500_000, metavar="N",
+        "--runs", type=types.positive, metavar="N",
         help="runs of the Monte Carlo sample, which all requirements share (default: 500000)",
     )  # fmt: skip
     types.add_worker_options(
@@ -45,13 +63,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="accept workers with other processors or versions: the last digits may differ, which the report says",
     )  # fmt: skip
     parser.add_argument(
-        "--tolerances", type=types.count, default=2, metavar="N",
+        "--tolerances", type=types.count, metavar="N",
         help="for each requirement, halve the scatter of the N strongest tolerances to see what that buys (default: 2)",
     )  # fmt: skip
     parser.add_argument(
-        "--precision", type=types.precision, default=0.05, metavar="X",
-        help="coefficient of variation at which ActiveSubspace ends, from 0.01 to 0.5 (default: 0.05, a 95 %% interval "
-        "of +-10 %% or less); half of it takes up to four times as many runs",
+        "--gradients", type=types.gradients, metavar="N",
+        help="gradients for the active subspaces and surrogates in the report; 0 for none (default: 300)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--precision", type=types.precision, metavar="X",
+        help="coefficient of variation at which ActiveSubspace ends, from 0.01 to 0.5: 0.05 is a 95 %% interval of "
+        "+-10 %%, half of it takes up to four times as many runs (default: as soon as each requirement is decided, and "
+        "the probability known to +-10 %%)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--no-screening", action="store_true",
+        help="run all methods also on requirements that the sample shows to be met by a factor of ten",
+    )  # fmt: skip
+    parser.add_argument(
+        "--quick", action="store_true",
+        help=f"probabilities and verdicts only, in some seconds: {_options_text(QUICK)}",
     )  # fmt: skip
     parser.add_argument(
         "--fail-unless-met", action="store_true",
@@ -72,6 +103,8 @@ def run(options: argparse.Namespace) -> int | None:
     from satsep_ot.studies.telling.tables import print_study
     from satsep_ot.studies.telling.verdicts import Status, judge_all
 
+    sizes: dict[str, Any] = _FULL | (QUICK if options.quick else {})
+    sizes |= {name: value for name in sizes if (value := getattr(options, name)) is not None}
     problem = SeparationProblem(case)
     try:
         StandardSpace(problem.getDistribution())
@@ -79,12 +112,16 @@ def run(options: argparse.Namespace) -> int | None:
         return fail(f"{case.name}: {error}", 2)
     study = SeparationStudy(
         problem,
-        options.methods,
+        sizes["methods"],
         options.seed,
-        options.runs,
-        toleranceSize=options.tolerances,
-        targetCoefficientOfVariation=options.precision,
+        sizes["runs"],
+        sizes["gradients"],
+        sizes["tolerances"],
+        sizes["precision"],
+        not options.no_screening,
     )
+    if sizes["runs"] >= _WORTH_PROCESSES:
+        study.setProcessNumber(options.workers or len(os.sched_getaffinity(0)))
     with types.executor(options) as executor:
         study.setExecutor(executor, options.mixed_processors)
         # A directory that cannot be written to is refused before the work, not after it.
@@ -95,7 +132,6 @@ def run(options: argparse.Namespace) -> int | None:
             with progress() as show:
                 study.setProgressCallback(show)
                 study.run()
-                show("figures and report", 0.95)
                 paths = study.save()
                 show("done", 1.0)
         finally:
@@ -110,6 +146,11 @@ def run(options: argparse.Namespace) -> int | None:
     if options.fail_unless_met and any(verdict.status is not Status.MET for verdict in judge_all(result)):
         return fail("not every requirement is met with 95 % confidence", 3)
     return None
+
+
+def _options_text(sizes):
+    texts = ((name, " ".join(value) if isinstance(value, list) else f"{value}") for name, value in sizes.items())
+    return " ".join(f"--{name} {text}" for name, text in texts)
 
 
 def left_behind(options: argparse.Namespace) -> str:

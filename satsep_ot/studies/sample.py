@@ -139,11 +139,8 @@ def run_sample(
     -------
     summary : SampleSummary
     """
-    progress("compiling the simulator, once", 0.0)
     case, distribution = problem.getCase(), problem.getDistribution()
     model = SeparationFunction(case, countsEndings=True)
-    # The run of the means must separate: nothing else of a study would mean anything.
-    SeparationFunction(case).evaluate([distribution.getMean()])
     counted = ("deck_height", ot.Less(), -1e3 * PENETRATION_LIMIT)
     if case.separation.has_contact():
         counted = ("last_contact", ot.Less(), 0.5 * NEVER_FREE)

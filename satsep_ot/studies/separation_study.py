@@ -7,8 +7,8 @@ estimate the failure probability, here corrected by true runs and held against t
 import contextlib
 import dataclasses
 import datetime
+import functools
 import json
-import math
 import os
 import platform
 import tempfile
@@ -23,23 +23,21 @@ import openturns as ot
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.methods.common.storage import writeWhole
-from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
-from satsep_ot.methods.comparison.comparison import ReliabilityComparison
-from satsep_ot.methods.comparison.method import ReliabilityMethod
-from satsep_ot.methods.comparison.methods import METHODS
+from satsep_ot.methods.parallel.executors import processes
 from satsep_ot.methods.parallel.processor import processorDescription
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 from satsep_ot.openturns_object import OpenTURNSObject
 from satsep_ot.studies import drivers
 from satsep_ot.studies.deprecated_accessors import DeprecatedAccessors
 from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.sample import SampleSummary, run_sample, sample_inputs
+from satsep_ot.studies.screening import screened
+from satsep_ot.studies.steps import Made, Step, StudySteps, begin_processes, make_steps
 from satsep_ot.studies.surrogates import fit_component, sample_gradients, sample_surrogates
 from satsep_ot.studies.telling.animation import animation_data
 from satsep_ot.studies.telling.document import partial_document, results_document
@@ -62,6 +60,7 @@ from satsep_ot.studies.telling.results import (
     StudyResult,
     Tolerance,
 )
+from satsep_ot.studies.telling.verdicts import SMALLEST_PRECISION
 from satsep_ot.studies.telling.words import DEFAULT_METHODS, StudyMethod
 
 STUDY_METHODS = tuple(StudyMethod)
@@ -75,7 +74,11 @@ _DRAWN = 200_000
 # A tolerance with a smaller share in the violations is not tightened.
 _SMALLEST_SHARE = 0.01
 # Where each step of a study begins, as a share of the whole.
-_SUBSPACES_BEGIN, _METHODS_BEGIN, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN = 0.2, 0.3, 0.65, 0.92
+_SUBSPACES_BEGIN, _METHODS_BEGIN, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN, _FIGURES_BEGIN = 0.3, 0.38, 0.65, 0.85, 0.88
+_STAGES = (
+    (_SUBSPACES_BEGIN, "active subspaces"), (_METHODS_BEGIN, "methods"), (_TOLERANCES_BEGIN, "halved tolerances"),
+    (_FIGURES_BEGIN, "figures and report"),
+)  # fmt: skip
 
 
 def _reportNothing(label, share):
@@ -96,13 +99,18 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     sampleSize : int
         Runs of the Monte Carlo sample, which all requirements share.
     gradientSize : int
-        Gradients for the active subspaces.
+        Gradients for the active subspaces; 0 for no subspaces.
     toleranceSize : int
         How many of the strongest tolerances of each requirement are halved to see what that buys; 0 for none. It takes
         ActiveSubspace among the methods.
-    targetCoefficientOfVariation : float
+    targetCoefficientOfVariation : float, optional
         At which ActiveSubspace ends, from 0.01 to 0.5. Its runs grow with 1 / square of it, and so does their limit,
-        which is 5,000 at 0.05 and above.
+        which is 5,000 at 0.05 and above. By default it asks whether a requirement is met: it ends as soon as that is
+        decided and the coefficient of variation at most 0.05, which advice on tolerances needs (0.1 without), and goes
+        on until it is decided or 5,000 runs are spent.
+    screening : bool
+        Whether a requirement that the sample shows to be met by a factor of ten is left at that: no other method runs
+        on it, no tolerance of it is halved.
 
     Raises
     ------
@@ -129,19 +137,21 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         sampleSize: int = 500_000,
         gradientSize: int = 300,
         toleranceSize: int = 2,
-        targetCoefficientOfVariation: float = 0.05,
+        targetCoefficientOfVariation: float | None = None,
+        screening: bool = True,
     ) -> None:
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
             raise ValueError(f"methods = {list(methods)}; give one or more of {', '.join(STUDY_METHODS)}")
-        for name, value in (("sampleSize", sampleSize), ("gradientSize", gradientSize)):
-            if int(value) != value or value < 1:
-                raise ValueError(f"{name} = {value}; it must be a positive whole number")
-        if int(toleranceSize) != toleranceSize or toleranceSize < 0:
-            raise ValueError(f"toleranceSize = {toleranceSize}; it must be a whole number of at least 0")
-        if not 0.01 <= targetCoefficientOfVariation <= 0.5:
+        if int(sampleSize) != sampleSize or sampleSize < 1:
+            raise ValueError(f"sampleSize = {sampleSize}; it must be a positive whole number")
+        for name, value in (("gradientSize", gradientSize), ("toleranceSize", toleranceSize)):
+            if int(value) != value or value < 0:
+                raise ValueError(f"{name} = {value}; it must be a whole number of at least 0")
+        target = targetCoefficientOfVariation
+        if target is not None and not SMALLEST_PRECISION <= target <= 0.5:
             raise ValueError(
-                f"targetCoefficientOfVariation = {targetCoefficientOfVariation}; it must be between 0.01 and 0.5"
+                f"targetCoefficientOfVariation = {target}; it must be between {SMALLEST_PRECISION} and 0.5"
             )
         if not problem.getRequirements():
             # Raises the sentence that says so.
@@ -152,7 +162,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._sampleSize = int(sampleSize)
         self._gradientSize = int(gradientSize)
         self._toleranceSize = int(toleranceSize)
-        self._target = float(targetCoefficientOfVariation)
+        self._target = None if target is None else float(target)
+        self._screening = bool(screening)
+        self._steps = StudySteps(problem, self._seed, self._target, self._toleranceSize > 0)
+        self._processNumber = 1
         self._names = [*problem.getRequirementNames(), SYSTEM]
         self._progress: Callable[[str, float], None] = _reportNothing
         self._directory: ResultsDirectory | None = None
@@ -167,6 +180,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     def _forgetEstimates(self):
         """All that follows from the methods' runs."""
         self._rows: list[Estimate] = []
+        self._screened: dict[str, str] = {}
         self._results: dict[str, ActiveSubspaceReliabilityResult] = {}
         self._shares: dict[str, tuple[DriverMeasure, dict[str, float]]] = {}
         self._ratios: dict[str, dict[str, float]] = {}
@@ -224,6 +238,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             "gradients": self._gradientSize,
             "tolerances": self._toleranceSize,
             "precision": self._target,
+            "screening": self._screening,
             "methods": to_plain(self._methods),
             "versions": package_versions(),
         }
@@ -259,8 +274,26 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """
         self._executor, self._mixedProcessors = executor, bool(mixedProcessors)
 
+    def setProcessNumber(self, number: int) -> None:
+        """How many processes make estimates and figures side by side (default 1: this one).
+
+        The numbers do not depend on it. A script needs its own work below ``if __name__ == "__main__":`` for more than
+        one. `close` ends them.
+        """
+        if int(number) != number or number < 1:
+            raise ValueError(f"the number of processes is {number}; it must be a whole number of at least 1")
+        self._processNumber = int(number)
+
+    @functools.cached_property
+    def _pool(self):
+        """The processes; None for this one alone."""
+        return None if self._processNumber == 1 else processes(self._processNumber)()
+
     def close(self) -> None:
-        """Let other processes use the directory."""
+        """Let other processes use the directory, and end those of this study."""
+        pool = vars(self).pop("_pool", None)
+        if pool is not None:
+            pool.shutdown(cancel_futures=True)
         if self._directory is not None:
             self._directory.close()
 
@@ -275,10 +308,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self.computeViolations()
         self._complete = True
 
-    def _start(self, *names):
-        """Seed of one step, from the study's seed and the step's name."""
-        digits = np.frombuffer("/".join(names).encode(), dtype=np.uint8)
-        ot.RandomGenerator.SetSeed(int(np.random.SeedSequence([self._seed, *digits]).generate_state(1)[0] >> 1))
+    def _tell(self, label, share):
+        """Report the progress: what is done, and what comes then."""
+        later = ", ".join(name for begin, name in _STAGES if begin > share)
+        self._progress(f"{label}; then {later}" if later else label, share)
 
     def _step(self, names, kind, compute):
         """What a step gives, of the kind: from the directory where it is finished there, else computed and kept."""
@@ -300,8 +333,47 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             makeRuns().save(path)
             self._directory.record(path)
 
-    def _isFinished(self, *names):
-        return self._directory is not None and self._directory.finished(*names) is not None
+    def _makeSteps(self, steps, begin, end):
+        """Make the steps that are not finished; each with what was made, as soon as it is there."""
+        new = []
+        for step in steps:
+            if self._directory is None or self._directory.finished(*step.names) is None:
+                new.append(step)
+            else:
+                value = self._step(step.names, step.kind, None)
+                yield step, Made(value, result=self._loadResult(step.names, value))
+        done = len(steps) - len(new)
+
+        def report(label, number):
+            share = begin + (end - begin) * (done + number) / len(steps)
+            self._tell(f"{label} ({done + number + 1} of {len(steps)})", share)
+
+        for step, made in make_steps(self._steps, new, self._pool, report):
+            yield step, self._keepMade(step.names, made)
+
+    def _keepMade(self, names, made):
+        """Keep what a step has made, its value last; and give back what there is of it after an interruption."""
+        if self._directory is None:
+            return made
+        if made.result is not None:
+            path = self._directory.file("steps", names, ".npz")
+            made.result.save(path)
+            self._directory.record(path)
+        if made.runs is not None:
+            self._keepRuns(names, lambda: made.runs)
+        self._directory.keep(names, to_plain(made.value))
+        return Made(made.value, result=self._loadResult(names, made.value))
+
+    def _loadResult(self, names, value):
+        """The result that a step has kept, without its surrogates, which take memory; None where there is none."""
+        path = self._directory.file("steps", names, ".npz")
+        if not path.exists() or value.probability is None:
+            return None
+        try:
+            return ActiveSubspaceReliabilityResult.load(path, self._steps.event(names[0]))
+        except ValueError as error:
+            cure = "remove it and the file beside it that ends on .json, and their step is made again"
+            raise DirectoryError(f"{path} cannot be used ({error}); {cure}") from error
 
     # The steps. -------------------------------------------------------------------------------------------------------
 
@@ -330,14 +402,20 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             # From here on results.json says that the study is not complete.
             self.saveRows()
             checkpoint = self._directory.file("steps", ["sample"], ".checkpoint")
+        self._tell("compiling the simulator, once", 0.0)
+        # The run of the means must separate: nothing else of a study would mean anything.
+        means = self._problem.getDistribution().getMean()
+        SeparationFunction(self._problem.getCase()).evaluate([means])
+        if self._pool is not None:
+            begin_processes(self._steps, self._pool, self._processNumber)
         summary = run_sample(
             self._problem,
             self._sampleSize,
-            lambda: self._start("sample"),
+            lambda: self._steps.start("sample"),
             path,
             checkpoint,
             self._executor,
-            lambda label, share: self._progress(label, share * _SUBSPACES_BEGIN),
+            lambda label, share: self._tell(label, share * _SUBSPACES_BEGIN),
             self._mixedProcessors,
         )
         if self._directory is not None and path.exists():
@@ -346,20 +424,22 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def computeSubspaces(self) -> None:
         """Active subspace and polynomial regression of each smooth component of the requirements."""
-        self._progress("active subspaces from gradients", _SUBSPACES_BEGIN)
+        if self._gradientSize == 0:
+            return
+        self._tell("active subspaces from gradients", _SUBSPACES_BEGIN)
         names, distribution = self._problem.getSmoothComponentNames(), self._problem.getDistribution()
         found = self._step(["gradients"], dict[str, Any], lambda: self._runGradients(names, distribution))
         points, values, gradients = (np.array(found[key]) for key in ("points", "values", "gradients"))
         for column, name in enumerate(names):
             done = (_METHODS_BEGIN - _SUBSPACES_BEGIN) * column / len(names)
-            self._progress(f"active subspace and regression of {name}", _SUBSPACES_BEGIN + done)
-            self._start("subspace", name)
+            self._tell(f"active subspace and regression of {name}", _SUBSPACES_BEGIN + done)
+            self._steps.start("subspace", name)
             component = fit_component(distribution, points, values[:, column], gradients[:, :, column])
             if component is not None:
                 self._components[name] = component
 
     def _runGradients(self, names, distribution):
-        self._start("subspaces")
+        self._steps.start("subspaces")
         model = SeparationFunction(self._problem.getCase(), quantities=names, countsEndings=True)
         points, values, gradients = sample_gradients(model, distribution, self._gradientSize)
         inputs = np.array(distribution.getInverseIsoProbabilisticTransformation()(ot.Sample(points)))
@@ -373,60 +453,39 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         return {"points": points.tolist(), "values": values.tolist(), "gradients": gradients.tolist()}
 
     def compareMethods(self) -> None:
-        """Run the methods on each requirement."""
+        """Run the methods on each requirement that the sample has not decided; side by side in the processes."""
         if self._summary is None and StudyMethod.MONTE_CARLO in self._methods:
             self.computeSample()
         self._forgetEstimates()
-        span = (_TOLERANCES_BEGIN - _METHODS_BEGIN) / len(self._names)
-        for index, requirement in enumerate(self._names):
-            for place, method in enumerate(self._methods):
-                done = span * (index + place / len(self._methods))
-                self._progress(f"{requirement}: {method}", _METHODS_BEGIN + done)
-                names = [requirement, method]
-                new = self._directory is not None and not self._isFinished(*names)
-                row = self._step(names, Estimate, lambda names=names: self._runMethod(*names))
-                self._rows.append(row)
-                if new:
-                    self.saveRows()
-                path = None if self._directory is None else self._directory.file("steps", names, ".npz")
-                if path is not None and path.exists() and row.probability is not None:
-                    # The same after an interruption; and without the surrogates, which take memory.
-                    try:
-                        found = ActiveSubspaceReliabilityResult.load(path, self._event(requirement))
-                    except ValueError as error:
-                        cure = "remove it and the file beside it that ends on .json, and their step is made again"
-                        raise DirectoryError(f"{path} cannot be used ({error}); {cure}") from error
-                    self._results[requirement] = found
-
-    def _event(self, requirement):
-        return self._problem.getSystemEvent() if requirement == SYSTEM else self._problem.getEvent(requirement)
-
-    def _runMethod(self, requirement, name):
-        """The estimate of a method for a requirement."""
-        self._start(requirement, name)
-        if name == StudyMethod.MONTE_CARLO:
-            return self._estimateBySample(requirement)
-        if name == StudyMethod.ACTIVE_SUBSPACE:
-            return self._estimateByActiveSubspace(requirement)
-        event, parts, names = self._event(requirement), [], [requirement, name]
-        comparison = self._comparison(requirement, event, METHODS[name]())
-        if self._directory is not None:
-            comparison.setRunsCallback(lambda inputs, outputs: parts.append((inputs, outputs)))
-        comparison.run()
-        if parts:
-            self._keepRuns(names, lambda: _unweighted(name, event, parts))
-        return Estimate.of(requirement, comparison.getResult().getRows()[0])
-
-    def _comparison(self, requirement, event, method: ReliabilityMethod):
-        comparison = ReliabilityComparison(event, [method])
-        comparison.setMaximumEvaluations(None)
-        comparison.setComponents(*self._problem.getComponents(None if requirement == SYSTEM else requirement))
-        return comparison
+        crude = [method for method in self._methods if method == StudyMethod.MONTE_CARLO]
+        if crude and self._screening and self._summary is not None:
+            requirements = self._problem.getRequirements()
+            self._screened = screened(requirements, self._summary.violations, self._sampleSize)
+            if len(self._screened) == len(requirements):
+                self._screened[SYSTEM] = "every requirement is decided by these runs: no other method was run"
+        wanted = [
+            (name, method) for name in self._names for method in (crude if name in self._screened else self._methods)
+        ]
+        rows = {names: self._estimateBySample(names[0]) for names in wanted if names[1] in crude}
+        steps = [
+            Step(names, Estimate, "estimate", names, f"{names[0]}: {names[1]}") for names in wanted if names not in rows
+        ]
+        for step, made in self._makeSteps(steps, _METHODS_BEGIN, _TOLERANCES_BEGIN):
+            rows[step.names] = made.value
+            if made.result is not None:
+                self._results[step.names[0]] = made.result
+            self._rows = [rows[names] for names in wanted if names in rows]
+            if self._directory is not None:
+                self.saveRows()
+        self._rows = [rows[names] for names in wanted]
 
     def _estimateBySample(self, requirement):
         """Monte Carlo on the sample that is there already."""
         violations, size = self._summary.violations[requirement], self._sampleSize
         share = violations / size
+        note = f"{violations:,} violations; all requirements share these runs"
+        if requirement in self._screened:
+            note = f"{violations:,} violations: {self._screened[requirement]}"
         return Estimate(
             requirement,
             StudyMethod.MONTE_CARLO,
@@ -436,34 +495,12 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             evaluations=size,
             seconds=self._summary.seconds,
             converged=True,
-            note=f"{violations:,} violations; all requirements share these runs",
+            note=note,
         )
 
-    def _estimateByActiveSubspace(self, requirement):
-        method = ActiveSubspace(self._target, math.ceil(5000 * max(1.0, (0.05 / self._target) ** 2)))
-        comparison = self._comparison(requirement, self._event(requirement), method)
-        comparison.run()
-        estimate = Estimate.of(requirement, comparison.getResult().getRows()[0])
-        if estimate.probability is None:
-            return estimate
-        self._results[requirement] = result = method.getLastResult()
-        names = [requirement, StudyMethod.ACTIVE_SUBSPACE]
-        if self._directory is not None:
-            path = self._directory.file("steps", names, ".npz")
-            result.save(path)
-            self._directory.record(path)
-        self._keepRuns(names, lambda: result.getTrueRuns(self._outputDescription(requirement)))
-        # A table says once for all requirements what their wide runs would have missed.
-        return dataclasses.replace(
-            estimate,
-            note=result.getEndingSentence(),
-            audits=result.getAuditNumber(),
-            audit_spread=result.getAuditSpread(),
-        )
-
-    def _outputDescription(self, requirement):
-        function, _, _, _ = self._problem.getComponents(None if requirement == SYSTEM else requirement)
-        return function.getOutputDescription()
+    def _openRequirements(self):
+        """The requirements that the sample has not decided."""
+        return [name for name in self._problem.getRequirementNames() if name not in self._screened]
 
     def computeDrivers(self) -> None:
         """The share of each tolerance in the violations of each requirement.
@@ -472,7 +509,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         the smooth components.
         """
         case = self._problem.getCase()
-        for requirement in self._problem.getRequirementNames():
+        for requirement in self._openRequirements():
             result = self._results.get(requirement)
             shares = {} if result is None else drivers.importance_shares(case, result)
             measure = DriverMeasure.VIOLATIONS
@@ -493,53 +530,28 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             return
         if not self._shares:
             self.computeDrivers()
-        case, names = self._problem.getCase(), self._problem.getRequirementNames()
-        span = (_VIOLATIONS_BEGIN - _TOLERANCES_BEGIN) / len(names)
-        for index, requirement in enumerate(names):
+        case, steps = self._problem.getCase(), []
+        for requirement in self._openRequirements():
             self._halved[requirement] = ()
             _, shares = self._shares[requirement]
             if self._toleranceSize == 0 or not shares:
                 continue
-            self._progress(f"{requirement}: tolerances", _TOLERANCES_BEGIN + span * index)
+            self._tell(f"{requirement}: tolerances", _TOLERANCES_BEGIN)
             strong = [name for name, share in shares.items() if share >= _SMALLEST_SHARE]
             result = self._results.get(requirement)
             ratios = {} if result is None else drivers.tightened_probabilities(case, result, strong)
             self._ratios[requirement] = ratios
-            chosen = (list(ratios) or strong)[: self._toleranceSize]
-            for place, name in enumerate(chosen):
-                done = span * (index + place / len(chosen))
-                self._progress(f"{requirement}: half the scatter of {name}", _TOLERANCES_BEGIN + done)
-                step = [requirement, "half", name]
-                row = self._step(step, HalvedTolerance, lambda names=(requirement, name): self._halve(*names))
-                self._halved[requirement] += (row,)
-
-    def _halve(self, requirement, name):
-        """The probability of violating a requirement with half the scatter of one tolerance."""
-        self._start(requirement, "half", name)
-        case = drivers.scaled_case(self._problem.getCase(), name, 0.5)
-        try:
-            result = drivers.changed_probability(case, requirement)
-        except Exception as error:
-            # As with a method that fails: the study's other numbers stand without this one.
-            raiseInterrupt(error)
-            return HalvedTolerance(name, 0.5, note=f"{type(error).__name__}: {errorMessage(error)}")
-        self._keepRuns([requirement, "half", name], lambda: result.getTrueRuns(self._outputDescription(requirement)))
-        interval = result.getConfidenceInterval(0.95)
-        return HalvedTolerance(
-            name,
-            0.5,
-            result.getProbabilityEstimate(),
-            interval.getLowerBound()[0],
-            interval.getUpperBound()[0],
-            result.getEvaluationNumber(),
-            result.getConverged(),
-            result.getEndingSentence(),
-        )
+            for name in (list(ratios) or strong)[: self._toleranceSize]:
+                label = f"{requirement}: half the scatter of {name}"
+                steps.append(Step((requirement, "half", name), HalvedTolerance, "halve", (requirement, name), label))
+        made = {step.names: one.value for step, one in self._makeSteps(steps, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN)}
+        for step in steps:
+            self._halved[step.names[0]] += (made[step.names],)
 
     def computeViolations(self) -> None:
         """The most likely violation of each requirement."""
-        for requirement in self._problem.getRequirementNames():
-            self._progress(f"{requirement}: most likely violation", _VIOLATIONS_BEGIN)
+        for requirement in self._openRequirements():
+            self._tell(f"{requirement}: most likely violation", _VIOLATIONS_BEGIN)
             found = self._step(
                 [requirement, "violation"], dict[str, Any], lambda name=requirement: self._findViolation(name)
             )
@@ -550,7 +562,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def _findViolation(self, requirement):
         """Of a violation its inputs, in their units and in standard space, and its distance; empty for none."""
-        self._start(requirement, "violation")
+        self._steps.start(requirement, "violation")
         result = self._results.get(requirement)
         sample = None
         if result is not None:
@@ -582,7 +594,14 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             complete=self._complete,
             finished=datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             versions={**package_versions(), "python": platform.python_version()},
-            sizes=Sizes(self._sampleSize, self._gradientSize, self._toleranceSize, self._target, tuple(self._methods)),
+            sizes=Sizes(
+                self._sampleSize,
+                self._gradientSize,
+                self._toleranceSize,
+                self._target,
+                tuple(self._methods),
+                self._screening,
+            ),
             rows=tuple(self._rows),
             requirements=tuple(
                 RequirementEntry.of(entry, table[entry.quantity].unit) for entry in self._problem.getRequirements()
@@ -657,6 +676,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         if not self._complete:
             raise RuntimeError("the study has not run to its end: call run() first, or saveRows() for what there is")
         taken = self._takeDirectory(directory)
+        self._tell("figures and report", _FIGURES_BEGIN)
         result, paths, entries = self.getResult(), [], []
         # Whatever becomes of the figures, the numbers are there.
         _writeResults(taken, results_document(result))
@@ -678,7 +698,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def _drawnRuns(self):
         """What the figures are drawn from."""
-        self._start("surrogate")
+        self._steps.start("surrogate")
         surrogate = sample_surrogates(self._problem, self._components, _DRAWN)
         return StudyRuns(self._problem.getCase().separation, self._sample, self._components, surrogate)
 
@@ -708,14 +728,3 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
 def _writeResults(directory, document):
     return directory.writeText("results.json", json.dumps(document, indent=2, allow_nan=False) + "\n")
-
-
-def _unweighted(phase, event, parts):
-    """Runs of a method that gives its runs no weights."""
-    inputs, outputs = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    happens, threshold = event.getOperator(), event.getThreshold()
-    failed = np.array([happens.compare(value, threshold) for value in outputs[:, 0].tolist()])
-    function = event.getFunction()
-    return TrueRuns.ofSample(
-        inputs, outputs, failed, function.getInputDescription(), function.getOutputDescription(), phase, np.nan
-    )

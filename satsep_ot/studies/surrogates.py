@@ -3,9 +3,11 @@
 import numpy as np
 import openturns as ot
 
+from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.polynomials.regression import MultivariatePolynomialRegression
 from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
 from satsep_ot.methods.subspaces.dimension import energy_dimension
+from satsep_ot.methods.subspaces.gradients import StandardModel
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.studies.telling.results import Component
@@ -33,15 +35,12 @@ def sample_gradients(
     Returns
     -------
     points, values, gradients : ndarray, shapes (size, d), (size, p) and (size, d, p)
-        Points of standard space; gradients with respect to the inputs.
+        Points of standard space, and gradients there.
     """
-    algorithm = ActiveSubspaceAlgorithm(model, distribution)
-    algorithm.setSamplingSize(size)
-    # Only its gradients are wanted, not a subspace of all components together.
-    algorithm.setBootstrapSize(2)
-    algorithm.run()
-    result = algorithm.getResult()
-    return np.array(result.getStandardSample()), np.array(result.getOutputSample()), result.getGradientSample()
+    space = StandardSpace(distribution)
+    standard = StandardModel(model, space, model.computeGradientSample)
+    points = space.generateSample(size)
+    return points, standard.evaluate(points), standard.exactGradients(points)
 
 
 def fit_component(
@@ -57,7 +56,7 @@ def fit_component(
         Of standard space.
     values : ndarray, shape (N,)
     gradients : ndarray, shape (N, d)
-        With respect to the inputs.
+        In standard space.
 
     Returns
     -------
@@ -65,9 +64,13 @@ def fit_component(
         None where the output is constant.
     """
     algorithm = ActiveSubspaceAlgorithm.FromGradientSample(distribution, points, values[:, None], gradients[:, :, None])
+    # Bands are of the subspace whose dimension is known by then.
+    replicates = algorithm.getBootstrapSize()
+    algorithm.setBootstrapSize(2)
     algorithm.run()
     if algorithm.getResult().getDimension() == 0:
         return None
+    algorithm.setBootstrapSize(replicates)
     algorithm.setDimension(energy_dimension(algorithm.getResult().getEigenvalues(), _ENERGY))
     algorithm.run()
     subspace = algorithm.getResult()

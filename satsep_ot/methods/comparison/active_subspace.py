@@ -16,6 +16,8 @@ class ActiveSubspace(ReliabilityMethod):
     maximumEvaluations : int
     mode : str
         ``"fast"`` or ``"safe"``.
+    allowedProbability, verdictCoefficientOfVariation : float
+        As for :meth:`ActiveSubspaceReliability.setAllowedProbability`; None, by default, for no stop at a verdict.
 
     Notes
     -----
@@ -25,11 +27,18 @@ class ActiveSubspace(ReliabilityMethod):
     name = "ActiveSubspace"
 
     def __init__(
-        self, targetCoefficientOfVariation: float = 0.05, maximumEvaluations: int = 5000, mode: str = "fast"
+        self,
+        targetCoefficientOfVariation: float = 0.05,
+        maximumEvaluations: int = 5000,
+        mode: str = "fast",
+        allowedProbability: float | None = None,
+        verdictCoefficientOfVariation: float = math.inf,
     ) -> None:
         self.targetCoefficientOfVariation = targetCoefficientOfVariation
         self.maximumEvaluations = maximumEvaluations
         self.mode = mode
+        self.allowedProbability = allowedProbability
+        self.verdictCoefficientOfVariation = verdictCoefficientOfVariation
         self._result: ActiveSubspaceReliabilityResult | None = None
 
     def getLastResult(self) -> ActiveSubspaceReliabilityResult:
@@ -45,6 +54,7 @@ class ActiveSubspace(ReliabilityMethod):
         algorithm.setTargetCoefficientOfVariation(self.targetCoefficientOfVariation)
         algorithm.setMaximumEvaluations(self.maximumEvaluations)
         algorithm.setMode(self.mode)
+        algorithm.setAllowedProbability(self.allowedProbability, self.verdictCoefficientOfVariation)
         percentage = [0.0]
         algorithm.setProgressCallback(lambda value: percentage.__setitem__(0, value))
         algorithm.setStopCallback(lambda: problem.report(percentage[0]))

@@ -1,6 +1,7 @@
 """Probability of failure by a surrogate that is corrected by true runs, or by true runs around failure modes."""
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -142,15 +143,26 @@ class ActiveSubspaceReliability:
         """Accessor to the largest number of true runs."""
         return self._settings.maximumEvaluations
 
-    def setAllowedProbability(self, value: float | None) -> None:
+    def setAllowedProbability(self, value: float | None, coefficientOfVariation: float = math.inf) -> None:
         """Stop, too, as soon as the probability is known to be above or below this one (default None).
 
+        Parameters
+        ----------
+        value : float or None
+        coefficientOfVariation : float
+            No look at a larger coefficient of variation of the estimate stops the run. By default every look may.
+
+        Notes
+        -----
         All looks at the estimate together are wrong in at most 5 % of runs, as far as each interval holds: the k-th one
         takes ``0.05 / (k (k + 1))``. "Below" waits for the wide runs, "above" needs none.
         """
         if value is not None and not 0.0 < value < 1.0:
             raise ValueError(f"the allowed probability is {value}; it must lie between 0 and 1, both excluded")
+        if not coefficientOfVariation > 0.0:
+            raise ValueError(f"the coefficient of variation is {coefficientOfVariation}; it must be positive")
         self._settings.allowedProbability = None if value is None else float(value)
+        self._settings.verdictCoefficientOfVariation = float(coefficientOfVariation)
 
     def getAllowedProbability(self) -> float | None:
         """Accessor to the allowed probability."""

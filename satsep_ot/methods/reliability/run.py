@@ -204,11 +204,15 @@ class ReliabilityRun:
         allowed = self.settings.allowedProbability
         if allowed is None or estimate.effectiveFailures < 4.0 or len(estimate.blocks) < 2:
             return None
+        if estimate.coefficientOfVariation() > self.settings.verdictCoefficientOfVariation:
+            return None
         self._looks += 1
         lower, upper = estimate.interval(1.0 - _VERDICT_ERROR / (self._looks * (self._looks + 1)))
         if self.limitState.complement:
             lower, upper = 1.0 - upper, 1.0 - lower
-        if lower > allowed and (not self.limitState.complement or settle()):
+        # Without a precision asked for, "above" needs no upper bound.
+        unsettled = not self.limitState.complement and math.isinf(self.settings.verdictCoefficientOfVariation)
+        if lower > allowed and (unsettled or settle()):
             return Ending.ABOVE_ALLOWED
         if upper < allowed and (self.limitState.complement or settle()):
             return Ending.BELOW_ALLOWED

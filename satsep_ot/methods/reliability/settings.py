@@ -1,6 +1,7 @@
 """What a user chooses of an `ActiveSubspaceReliability`, as one record that its run is given."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ class ReliabilitySettings:
     targetCoefficientOfVariation: float = 0.05
     maximumEvaluations: int = 5000
     allowedProbability: float | None = None
+    verdictCoefficientOfVariation: float = math.inf
     mode: str = "fast"
     nonFinitePolicy: str = "raise"
     progressCallback: Callable[[float], None] | None = None

@@ -125,13 +125,18 @@ class HalvedTolerance:
 
 @dataclasses.dataclass(frozen=True)
 class Sizes:
-    """The settings of a study: runs of the sample, gradients, tolerances halved, target precision, methods."""
+    """The settings of a study: runs of the sample, gradients, tolerances halved, target precision, methods.
+
+    The precision is None where runs were made until each requirement was decided. `screening` says whether what the
+    sample decides was left at that.
+    """
 
     sample: int
     gradients: int
     tolerances: int
-    precision: float
+    precision: float | None
     methods: tuple[StudyMethod, ...]
+    screening: bool = False
 
 
 @dataclasses.dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 import dataclasses
 import enum
+import math
 from collections.abc import Iterable, Sequence
 
 from satsep_ot.studies.telling.results import Estimate, HalvedTolerance, Interval, StudyResult
@@ -13,6 +14,11 @@ from satsep_ot.studies.telling.words import (
     interval_text,
     probability_text,
 )
+
+# The finest coefficient of variation that a study can be asked for.
+SMALLEST_PRECISION = 0.01
+# Standard deviations to the limit with which a 95 % interval excludes it in four of five cases: 1.96 + 0.84.
+_DECIDING_DEVIATIONS = 2.8
 
 
 class Status(enum.StrEnum):
@@ -172,8 +178,74 @@ def judge(requirement: str, rows: Sequence[Estimate], allowed: float | None = No
         return Verdict(requirement, Status.MET, f"{known}: all of it within the allowed {limit}.{missed}", row)
     if lower > allowed:
         return Verdict(requirement, Status.NOT_MET, f"{known}: all of it above the allowed {limit}.", row)
-    sentence = f"{known}: the allowed {limit} lies in between. More runs can decide it."
+    cure = "More runs, or another seed, show which of the two is right." if doubt else what_decides(row, allowed)
+    sentence = f"{known}: the allowed {limit} lies in between. {cure}"
     return Verdict(requirement, Status.UNDECIDED, sentence, row)
+
+
+def deciding_precision(row: Estimate, allowed: float) -> float:
+    """The coefficient of variation at which an estimate would decide in four of five cases, if it stays as it is.
+
+    Parameters
+    ----------
+    row : Estimate
+        With a probability above 0.
+    allowed : float
+        Largest accepted probability of violation.
+
+    Returns
+    -------
+    precision : float
+        From 0.01, which no estimate of a study goes below, to 0.5.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.results import Estimate
+    >>> from satsep_ot.studies.telling.verdicts import deciding_precision
+    >>> from satsep_ot.studies.telling.words import StudyMethod
+    >>> round(deciding_precision(Estimate("spin", StudyMethod.ACTIVE_SUBSPACE, 9e-4), 1e-3), 3)
+    0.038
+    """
+    return min(max(_distance(row, allowed) / _DECIDING_DEVIATIONS, SMALLEST_PRECISION), 0.5)
+
+
+def _distance(row, allowed):
+    return abs(math.log(row.probability / allowed))
+
+
+def what_decides(row: Estimate, allowed: float) -> str:
+    """The command, and about how many runs of it, that decide an undecided requirement in four of five cases.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.results import Estimate
+    >>> from satsep_ot.studies.telling.verdicts import what_decides
+    >>> from satsep_ot.studies.telling.words import StudyMethod
+    >>> row = Estimate("spin", StudyMethod.ACTIVE_SUBSPACE, 9e-4, 8e-4, 1.1e-3, 0.05, evaluations=1000)
+    >>> what_decides(row, 1e-3)
+    'About 1,800 runs would decide it: satsep-ot study case.toml --precision 0.037.'
+    >>> what_decides(Estimate("spin", StudyMethod.MONTE_CARLO, 0.0, 0.0, 3e-3, evaluations=1000), 1e-3)
+    'About 3,000 runs without a violation would decide it: satsep-ot study case.toml --runs 3000.'
+    """
+    command = "would decide it: satsep-ot study case.toml"
+    interval = row.interval
+    if interval is None or interval.probability == 0.0:
+        needed = math.ceil(math.log(0.05) / math.log1p(-allowed) / 100.0) * 100
+        return f"About {needed:,} runs without a violation {command} --runs {needed}."
+    wanted = math.floor(1000.0 * _distance(row, allowed) / _DECIDING_DEVIATIONS) / 1000.0
+    precision = min(max(wanted, SMALLEST_PRECISION), 0.5)
+    # The same ratio of the interval's ends would be that of an estimate of this coefficient of variation.
+    reached = math.log(interval.upper / max(interval.lower, 1e-3 * interval.probability)) / 3.92
+    needed = _rounded(row.evaluations * (reached / precision) ** 2)
+    if wanted < precision:
+        command = "may still leave it open, so near is the estimate: satsep-ot study case.toml"
+    option = f"--runs {needed}" if row.method == StudyMethod.MONTE_CARLO else f"--precision {precision:g}"
+    return f"About {needed:,} runs {command} {option}."
+
+
+def _rounded(number):
+    """A number of runs, to two digits."""
+    return int(float(f"{number:.2g}"))
 
 
 def judge_all(result: StudyResult) -> list[Verdict]:

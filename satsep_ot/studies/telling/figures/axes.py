@@ -8,9 +8,11 @@ from typing import IO, Any
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import findfont, get_font
 from matplotlib.text import Text
+from matplotlib.ticker import FuncFormatter, NullFormatter
 
 FONT_SIZE = 11
 DOTS_PER_INCH = 150
@@ -90,6 +92,32 @@ def grouped_unit(unit: str) -> str:
     ('(deg/s)', 'mm')
     """
     return f"({unit})" if "/" in unit else unit
+
+
+def label_decades(axis: Axis) -> None:
+    """Label powers of ten on a logarithmic axis, as 10⁻³: matplotlib's own labels take most of the time of a figure.
+
+    Parameters
+    ----------
+    axis : :class:`matplotlib.axis.Axis`
+    """
+    axis.set_major_formatter(FuncFormatter(lambda value, _: power_of_ten(value)))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def power_of_ten(value: float) -> str:
+    """A number that is a power of ten, with a raised exponent; another one in its shortest form.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.figures.axes import power_of_ten
+    >>> power_of_ten(1e-3), power_of_ten(100.0), power_of_ten(0.02)
+    ('10⁻³', '10²', '0.02')
+    """
+    exponent = round(math.log10(value))
+    if not math.isclose(value, 10.0**exponent, rel_tol=1e-9):
+        return f"{value:g}"
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 def make_panels(

@@ -14,6 +14,7 @@ from satsep_ot.studies.telling.figures.axes import (
     ORANGE,
     grouped_unit,
     label_axes,
+    label_decades,
     make_axes,
     quantity_label,
 )
@@ -128,6 +129,7 @@ def draw_density(
     )
     heights, edges = np.histogram(sample, bins=bins, density=True)
     ax.set_yscale("log")
+    label_decades(ax.yaxis)
     # A floor under the sparsest bin, so that its top is seen.
     floor = 0.3 * heights[heights > 0.0].min()
     ax.stairs(heights, edges, baseline=floor, fill=True, color=GREY, label=f"{len(sample):,} true runs")

@@ -15,6 +15,7 @@ from satsep_ot.studies.telling.figures.axes import (
     GREY,
     grouped_unit,
     label_axes,
+    label_decades,
     make_axes,
     quantity_label,
 )
@@ -72,6 +73,7 @@ def draw_eigenvalues(
     # Where an upper bound is not known, the band ends at the estimate.
     upper = np.where(np.isfinite(upper), upper, values)
     ax.set_yscale("log")
+    label_decades(ax.yaxis)
     ax.fill_between(
         index, np.where(lower > 0.0, lower, values), upper, color=GREY, alpha=0.6, linewidth=0,
         label=f"{100.0 * level:g} % band",
