@@ -15,8 +15,11 @@ from pathlib import Path
 import openturns as ot
 
 from satsep_ot.dynamics.separation import Separation
+from satsep_ot.model.distributions import correlated_pairs
+from satsep_ot.model.failures import PartFailure
 from satsep_ot.model.inputs import UncertainInput
 from satsep_ot.model.parameters import CORRELATION, REQUIREMENT, TABLES
+from satsep_ot.model.reading.failures import read_failures
 from satsep_ot.model.reading.inputs import read_copula, read_inputs
 from satsep_ot.model.reading.requirements import read_requirements
 from satsep_ot.model.reading.separation import read_separation
@@ -53,6 +56,10 @@ class Case:
         The case file as it was read; empty for a case that does not come from one.
     files : dict of str to str
         The force-stroke tables that it names, as they were read, by their paths from its folder.
+    failures : tuple of :class:`satsep_ot.model.failures.PartFailure`
+        Parts that fail with a probability; everything else of the case is with all parts in order.
+    fleet : int
+        Number of satellites; inputs that are shared have one value for all of them.
 
     Examples
     --------
@@ -70,6 +77,8 @@ class Case:
     copula: ot.NormalCopula | None = None
     text: str = ""
     files: dict[str, str] = field(default_factory=dict)
+    failures: tuple[PartFailure, ...] = ()
+    fleet: int = 1
 
 
 def shipped_cases() -> list[str]:
@@ -215,16 +224,40 @@ def parse_case(text: str, file: str = "case") -> Case:
     inputs = read_inputs(file, data.get("inputs", {}), separation)
     correlations = tables(file, CORRELATION, data.get("correlation", []), "correlation")
     requirements = tables(file, REQUIREMENT, data.get("requirements", []), "requirements")
+    failures = read_failures(
+        Table(file, TABLES["springs"], data["springs"]),
+        tables(file, TABLES["umbilical"], data.get("umbilical", []), "umbilical", one=True),
+        tables(file, TABLES["hold_down"], data.get("hold_down", []), "hold_down", one=True),
+        separation,
+    )
+    copula = read_copula(correlations, inputs)
+    _check_fleet(top, inputs, copula)
     return Case(
         name=top.read("name") or Path(file).stem,
         description=top.read("description"),
         separation=separation,
         inputs=inputs,
         requirements=read_requirements(requirements, separation),
-        copula=read_copula(correlations, inputs),
+        copula=copula,
         text=text,
         files=files,
+        failures=failures,
+        fleet=top.read("fleet"),
     )
+
+
+def _check_fleet(top, inputs, copula):
+    """Refuse inputs that are shared by nobody, or correlated with what each satellite has of its own."""
+    shared = [row.name for row in inputs if row.is_shared]
+    if shared and top.read("fleet") == 1:
+        raise top.problem(
+            f"inputs.{shared[0]} is shared, but by no other satellite; give `fleet` at the top of the file"
+        )
+    for first, second, _ in correlated_pairs([row.name for row in inputs], copula):
+        if (first in shared) != (second in shared):
+            raise top.problem(
+                f"{first} and {second} are correlated, but only one of them is shared by the fleet; share both or none"
+            )
 
 
 def _toml(text, file):

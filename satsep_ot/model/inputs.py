@@ -70,6 +70,8 @@ class UncertainInput:
         Table and key of its row in `satsep_ot.model.parameters`, for example "springs.cant".
     series, number : str, int
         As of its `Target`; empty and 0 for an input that has a description of its own.
+    is_shared : bool
+        Whether all satellites of a fleet share its value.
 
     Examples
     --------
@@ -91,6 +93,7 @@ class UncertainInput:
     series: str = ""
     number: int = 0
     group: str = ""
+    is_shared: bool = False
 
     @property
     def label(self) -> str:

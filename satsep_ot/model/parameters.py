@@ -54,12 +54,14 @@ from satsep_ot.model.values import (
     Points,
     PointsOrNumber,
     Scatter,
+    Share,
     SpringCount,
     SpringNumbers,
     Tensor,
     Text,
     Times,
     Vector,
+    Whole,
     Word,
 )
 
@@ -120,6 +122,7 @@ def _one_of(keys):
 TOP = CaseTable("", "A case of satsep-ot.", (
     Row("name", Name(), "how reports call the case", ABSENT, "name of the file"),
     Row("description", Text(), "free text", "", "empty"),
+    Row("fleet", Whole(), "number of satellites, none of which may violate a requirement; see `shared` of an input", 1),
     Row("horizon", Number(SECOND, Sign.POSITIVE, 1e3), "a run that is not over by then fails", Separation.horizon),
 ))
 
@@ -166,6 +169,8 @@ SPRINGS = CaseTable("springs", "The separation springs: one number for all of th
     _per_spring("scale", ONE, "factor of the force; 0 is a spring that has failed", 1.0,
                 scatters="factor of the force"),
     Row("failed", SpringNumbers(), "numbers of the springs that have failed, from 1", ABSENT),
+    Row("failure_probability", PerSpring(Share()),
+        "probability that the spring does not push, independent of the other parts", 0.0),
     Row("table", ForceTables(), "measured force-stroke table instead of stiffness and deformation", ABSENT),
     Row("interpolation", Choice({kind.name.lower(): kind for kind in Interpolation}),
         'between the rows of the tables: `"monotone"` cubics, or straight `"lines"`', "monotone"),
@@ -201,6 +206,8 @@ UMBILICAL = CaseTable(
         "stiffness of the pins while they stick; 0: they only slide, with a constant force", ABSENT,
         "`0`; `1e8` with `[contact]`, `[[hold_down]]` or `[rails]`",
         field="springs.stiffness", scatters="stiffness of the pins", of_connector=(1,)),
+    Row("failure_probability", Share(), "probability that its spring does not push, independent of the other parts",
+        0.0),
 ), is_list=True)
 
 
@@ -251,6 +258,10 @@ HOLD_DOWN = CaseTable(
                0.0, scatters="damping time of hold-down {number}"),
     Row("points", Number(ONE, Sign.POSITIVE, 41.0), "number of joints along `arc`, for a segment of a clamp band", 1),
     Row("arc", Number(DEGREE, Sign.NOT_NEGATIVE), "length of the segment, centred on `angle`", 0.0),
+    Row("failure_probability", Share(),
+        "probability that it lets go at `failed_release` instead, independent of the other parts", 0.0),
+    Row("failed_release", Number(MILLISECOND, Sign.NOT_NEGATIVE), "when it lets go where it fails", ABSENT,
+        "needed with `failure_probability`"),
 ), is_list=True)
 
 RAILS = CaseTable("rails", "The square channel of a dispenser and the satellite's rails in it.", (
@@ -375,6 +386,8 @@ INPUT = CaseTable("inputs", "An uncertain input.", (
         "name of the tolerance that the input belongs to: inputs of one group are tightened together. By default "
         "`.each` makes one group, and so do x and z of a centre of mass, of rates and of a mounting error", ABSENT,
         "see there"),
+    Row("shared", Flag(),
+        "whether all satellites of a `fleet` share the value, as one stage or one batch of springs does", False),
     # The distribution's parameters, sigma among them, are further keys.
 ), conditions={"anyOf": [{"required": ["distribution"]}, _one_of(SCATTER_KEYS[:3])]})
 

@@ -161,6 +161,24 @@ class Number(Value):
         return limits
 
 
+@dataclass(frozen=True)
+class Share(Number):
+    """A number from 0 to 1, such as a probability."""
+
+    def allowed(self, count: int = 0) -> str:
+        return "a number from 0 to 1"
+
+    @property
+    def range(self) -> str:
+        return "from 0 to 1"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return is_number(given) and 0 <= given <= 1
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "number", "minimum": 0, "maximum": 1}
+
+
 def is_number(given: Any) -> bool:
     """Whether a value of the file is a finite number that is not far beyond any physical value."""
     # Integers too long for a float fail the comparison too.
@@ -481,6 +499,23 @@ class SpringCount(Value):
 
     def schema(self) -> dict[str, Any]:
         return {"type": "integer", "minimum": 1, "maximum": MAXIMUM_SPRINGS}
+
+
+@dataclass(frozen=True)
+class Whole(Value):
+    """A whole number between two."""
+
+    least: int = 1
+    most: int = 10_000
+
+    def allowed(self, count: int = 0) -> str:
+        return f"a whole number from {self.least} to {self.most}"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return type(given) is int and self.least <= given <= self.most
+
+    def schema(self) -> dict[str, Any]:
+        return {"type": "integer", "minimum": self.least, "maximum": self.most}
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from satsep_ot.openturns_object import OpenTURNSObject
 from satsep_ot.studies import drivers
 from satsep_ot.studies.deprecated_accessors import DeprecatedAccessors
 from satsep_ot.studies.drivers import Violation
+from satsep_ot.studies.failure_mixture import failure_mixtures
+from satsep_ot.studies.fleet import fleet_estimate
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.sample import SampleSummary, run_sample, sample_inputs
 from satsep_ot.studies.screening import screened
@@ -41,6 +43,8 @@ from satsep_ot.studies.steps import Made, Step, StudySteps, begin_processes, mak
 from satsep_ot.studies.surrogates import fit_component, sample_gradients, sample_surrogates
 from satsep_ot.studies.telling.animation import animation_data
 from satsep_ot.studies.telling.document import partial_document, results_document
+from satsep_ot.studies.telling.failure_mixture import FailureMixture
+from satsep_ot.studies.telling.fleet import FleetEstimate
 from satsep_ot.studies.telling.panels import StudyRuns, study_panels
 from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import assumptions
@@ -60,7 +64,7 @@ from satsep_ot.studies.telling.results import (
     StudyResult,
     Tolerance,
 )
-from satsep_ot.studies.telling.verdicts import SMALLEST_PRECISION
+from satsep_ot.studies.telling.verdicts import SMALLEST_PRECISION, best_estimate
 from satsep_ot.studies.telling.words import DEFAULT_METHODS, StudyMethod
 
 STUDY_METHODS = tuple(StudyMethod)
@@ -75,6 +79,7 @@ _DRAWN = 200_000
 _SMALLEST_SHARE = 0.01
 # Where each step of a study begins, as a share of the whole.
 _SUBSPACES_BEGIN, _METHODS_BEGIN, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN, _FIGURES_BEGIN = 0.3, 0.38, 0.65, 0.85, 0.88
+_FAILURES_BEGIN = 0.86
 _STAGES = (
     (_SUBSPACES_BEGIN, "active subspaces"), (_METHODS_BEGIN, "methods"), (_TOLERANCES_BEGIN, "halved tolerances"),
     (_FIGURES_BEGIN, "figures and report"),
@@ -186,6 +191,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._ratios: dict[str, dict[str, float]] = {}
         self._halved: dict[str, tuple[HalvedTolerance, ...]] = {}
         self._violations: dict[str, Violation] = {}
+        self._mixtures: dict[str, FailureMixture] = {}
+        self._fleet: dict[str, FleetEstimate] = {}
 
     def _shownRemarks(self):
         # getRemarks() is deprecated.
@@ -306,6 +313,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self.computeDrivers()
         self.computeTolerances()
         self.computeViolations()
+        self.computeFailures()
+        self.computeFleet()
         self._complete = True
 
     def _tell(self, label, share):
@@ -573,6 +582,51 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             return {}
         return {name: np.asarray(value).tolist() for name, value in dataclasses.asdict(violation).items()}
 
+    def _known(self):
+        """The probability of each violation with its bounds, of those that a verdict may rest on."""
+        best = {name: best_estimate(row for row in self._rows if row.requirement == name) for name in self._names}
+        return {name: tuple(row.interval) for name, row in best.items() if row is not None and row.interval is not None}
+
+    def computeFailures(self) -> None:
+        """The probability of each violation with the failures of parts that the case names; nothing without any."""
+        case = self._problem.getCase()
+        if case.failures:
+            self._mixtures = self._step(["failures"], dict[str, FailureMixture], lambda: self._mixFailures(case))
+
+    def _mixFailures(self, case):
+        self._steps.start("failures")
+        return failure_mixtures(case, self._known(), lambda label, share: self._tell(label, _FAILURES_BEGIN))
+
+    def computeFleet(self) -> None:
+        """The probability that any satellite of the fleet violates a requirement; nothing for a single satellite."""
+        case = self._problem.getCase()
+        if case.fleet > 1:
+            self._tell(f"fleet of {case.fleet}", _FAILURES_BEGIN)
+            self._fleet = self._step(["fleet"], dict[str, FleetEstimate], lambda: self._estimateFleet(case))
+
+    def _estimateFleet(self, case):
+        self._steps.start("fleet")
+        return {
+            name: fleet_estimate(case, name, known, *self._violatingRuns(name)) for name, known in self._known().items()
+        }
+
+    def _violatingRuns(self, requirement):
+        """Inputs of runs that violate a requirement, and their weights."""
+        result = self._results.get(requirement)
+        if result is not None:
+            with contextlib.suppress(RuntimeError):
+                sample = result.getFailureSample()
+                rows = sample.failed & (sample.ratios > 0.0)
+                return sample.x[rows], sample.ratios[rows]
+        dimension = self._problem.getDistribution().getDimension()
+        if self._sample is None or self._summary is None:
+            return np.empty((0, dimension)), np.empty(0)
+        limits = self._summary.limits.values() if requirement == SYSTEM else [self._summary.limits[requirement]]
+        violated = np.any([limit.violated(self._sample) for limit in limits], axis=0)
+        size = len(self._sample)
+        inputs = sample_inputs(self._problem.getDistribution(), self._summary.seed, self._sampleSize, size)
+        return inputs[violated], np.ones(np.count_nonzero(violated))
+
     # What came out. ---------------------------------------------------------------------------------------------------
 
     def getResult(self) -> StudyResult:
@@ -623,6 +677,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             },
             components={name: ComponentSummary.of(part) for name, part in self._components.items()},
             diagnostics={name: Diagnostics.of(result) for name, result in self._results.items()},
+            failures=dict(self._mixtures),
+            fleet=dict(self._fleet),
             correlated=case.copula is not None,
             assumptions=tuple(assumptions(case)),
             processors=() if self._summary is None else self._summary.processors,

@@ -345,6 +345,20 @@ class ActiveSubspaceReliabilityResult:
             self._getFailureSample(level), self._outcome.distribution, distribution, level
         )
 
+    def getFailureSample(self) -> sensitivity.FailureSample:
+        """The weighted points of the estimate, and which of its true runs have failed.
+
+        Returns
+        -------
+        sample : :class:`~satsep_ot.methods.reliability.sensitivity.FailureSample`
+
+        Raises
+        ------
+        RuntimeError
+            No failure was seen, or the estimate is by subset simulation.
+        """
+        return self._getFailureSample(0.95)
+
     def _getFailureSample(self, level):
         if not 0.0 < level < 1.0:
             raise ValueError(f"the confidence level is {level}; it must lie between 0 and 1")

@@ -60,7 +60,9 @@ def read_inputs(file: str, entries: Any, separation: Separation) -> tuple[Uncert
             if input_name in inputs:
                 raise table.problem(f"{path} gives a second input the name '{input_name}'; names must differ")
             row = _input(table, input_name, target, nominal)
-            inputs[input_name] = replace(row, entry=name, group=table.read("group") or "")
+            inputs[input_name] = replace(
+                row, entry=name, group=table.read("group") or "", is_shared=table.read("shared")
+            )
     groups = _default_groups(inputs.values())
     return tuple(replace(row, group=row.group or groups[row.entry]) for row in inputs.values())
 

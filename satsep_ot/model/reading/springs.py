@@ -48,7 +48,7 @@ def read_springs(table: Table, files: dict[str, str]) -> Springs:
 def read_umbilicals(tables: list[Table], pin_stiffness: float) -> Iterator[Springs]:
     """The springs of each umbilical connector; its pins have that stiffness [N/m] where the file says no other."""
     for table in tables:
-        given = {key: table.read(key) for key in table.rows.keys}
+        given = {row.key: table.read(row.key) for row in table.rows.rows if row.field}
         if given["pin_stiffness"] is None:
             given["pin_stiffness"] = pin_stiffness
         yield umbilical(**given)

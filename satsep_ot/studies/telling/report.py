@@ -16,6 +16,8 @@ from satsep_ot.methods.common.storage import writeWhole
 from satsep_ot.model.case import SYSTEM
 from satsep_ot.studies.telling.advice import advice_sentences, tightening_advice
 from satsep_ot.studies.telling.document import ReportError, read_json, read_results, read_text
+from satsep_ot.studies.telling.failure_mixture import mixture_lines
+from satsep_ot.studies.telling.fleet import fleet_lines
 from satsep_ot.studies.telling.remarks import limits, remarks
 from satsep_ot.studies.telling.results import Estimate, Section, StudyResult
 from satsep_ot.studies.telling.verdicts import Status, best_estimate, contradiction, headline, judge_all
@@ -127,6 +129,8 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         interval=interval_text,
         in_words=in_words,
         advice=advice,
+        mixture=list(mixture_lines(result.failures)),
+        fleet=list(fleet_lines(result.fleet)),
         advised=advice_sentences(result),
         remarks=remarks(result),
         descriptions={method: METHOD_DESCRIPTIONS[method] for method in result.sizes.methods},

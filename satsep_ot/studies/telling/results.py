@@ -15,6 +15,8 @@ from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.case import Case, Requirement
 from satsep_ot.model.inputs import UncertainInput
+from satsep_ot.studies.telling.failure_mixture import FailureMixture
+from satsep_ot.studies.telling.fleet import FleetEstimate
 from satsep_ot.studies.telling.scatter import describe_inputs, describe_scatters
 from satsep_ot.studies.telling.words import StudyMethod
 
@@ -398,6 +400,10 @@ class StudyResult:
         every requirement. None where there is no sample.
     touched : float or None
         Share of the runs of the sample in which the bodies touched each other; None without contact.
+    failures : dict of str to FailureMixture
+        By requirement, the probability with failures of parts; empty where the case names none.
+    fleet : dict of str to FleetEstimate
+        By requirement, the probability that any satellite of a fleet violates it; empty for a single satellite.
     """
 
     case: str
@@ -424,6 +430,8 @@ class StudyResult:
     sunk: int | None = None
     touched: float | None = None
     processors: tuple[str, ...] = ()
+    failures: dict[str, FailureMixture] = dataclasses.field(default_factory=dict)
+    fleet: dict[str, FleetEstimate] = dataclasses.field(default_factory=dict)
 
     def rows_of(self, requirement: str) -> tuple[Estimate, ...]:
         """The estimates of one requirement, or of "any requirement"."""

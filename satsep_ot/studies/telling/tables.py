@@ -9,6 +9,8 @@ from rich.table import Table
 
 from satsep_ot.model.text import printable
 from satsep_ot.studies.telling.advice import advice_sentences, tightening_advice
+from satsep_ot.studies.telling.failure_mixture import mixture_lines
+from satsep_ot.studies.telling.fleet import fleet_lines
 from satsep_ot.studies.telling.remarks import audit_remarks, remarks
 from satsep_ot.studies.telling.results import StudyResult
 from satsep_ot.studies.telling.verdicts import headline, judge_all
@@ -70,6 +72,8 @@ def print_study(console: Console, result: StudyResult) -> None:
     console.print()
     for remark in [*remarks(result), *audit_remarks(result)]:
         console.print(f"[bold]![/bold] {escape(remark)}")
+    for line in [*mixture_lines(result.failures), *fleet_lines(result.fleet)]:
+        console.print(escape(line))
     for requirement, sentence in advice_sentences(result).items():
         console.print(f"[bold]{escape(requirement)}[/bold]: {escape(sentence)}")
     for line in tightened_lines(result):

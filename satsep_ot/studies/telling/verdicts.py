@@ -249,8 +249,27 @@ def _rounded(number):
 
 
 def judge_all(result: StudyResult) -> list[Verdict]:
-    """The verdict on each requirement of a study, in the order of the case file."""
-    return [judge(entry.name, result.rows_of(entry.name), entry.allowed_probability) for entry in result.requirements]
+    """The verdict on each requirement of a study, in the order of the case file, failures of parts included."""
+    return [
+        _with_failures(
+            judge(entry.name, result.rows_of(entry.name), entry.allowed_probability),
+            result.failures.get(entry.name),
+            entry.allowed_probability,
+        )
+        for entry in result.requirements
+    ]
+
+
+def _with_failures(verdict, mixture, allowed):
+    """The verdict on the sum over all failures of parts, where the case names any."""
+    if mixture is None:
+        return verdict
+    sentence = f"{verdict.sentence} With failures of parts: {mixture.sentence}."
+    if allowed is None:
+        return dataclasses.replace(verdict, sentence=sentence)
+    status = Status.MET if mixture.upper95 <= allowed else Status.UNDECIDED
+    status = Status.NOT_MET if mixture.lower95 > allowed else status
+    return dataclasses.replace(verdict, status=status, sentence=f"{sentence} The sum decides.")
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
