@@ -162,6 +162,8 @@ class Outcome:
         A `Status` for each run.
     steps : ndarray of int, shape (n,)
         Integration steps taken.
+    evaluations : ndarray of int, shape (n,)
+        Evaluations of the right-hand side.
     notices : ndarray of records, shape (n,)
         Of a run whose status is PENETRATION: when (`time` [s]) and where the satellite was lowest, at the envelope
         point of that number (`point`, of `Separation.recess_points`) or at the edge of its ring (-1) at an `angle`
@@ -186,6 +188,7 @@ class Outcome:
     release_times: np.ndarray
     status: np.ndarray
     steps: np.ndarray
+    evaluations: np.ndarray
     notices: np.ndarray
     gradients: np.ndarray | None = None
 
@@ -395,7 +398,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
     )  # fmt: skip
     results, exit_clearances = np.zeros(n, records.RESULT), np.empty((n, point_number))
     release_times = np.full((n, len(separation.springs)), np.nan)
-    status, steps, last = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
+    status, steps, evaluations, last = (np.empty(n, np.int64) for _ in range(4))
     states, notices = np.zeros((n, len(stops)), STATE), np.zeros(n, records.NOTICE)
     gradients = np.full((n, len(outputs), rows.shape[1]), np.nan)
     sweeping = len(outputs) > 0
@@ -411,7 +414,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
         buffers, more = _buffers(separation, slots, most_steps), _contact_buffers(separation, slots)
         runs = (
             first, end, int(sweeping), rows, *common, buffers, more, results, exit_clearances, release_times, status,
-            steps, last, states, contacts,
+            steps, evaluations, last, states, contacts,
         )  # fmt: skip
         sweeps = first, end, rows, buffers, more, status, steps, last, outputs, gradients
         prepare({run_contact_rows: runs, sweep_contact_rows: sweeps} if sweeping else {run_contact_rows: runs})
@@ -429,7 +432,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
             buffers = _buffers(separation, SWEEP_CHUNK if sweeping else 1, most_steps)
         runs = (
             first, end, int(sweeping), rows, *common, buffers, results, exit_clearances, release_times, status, steps,
-            last, states, notices,
+            evaluations, last, states, notices,
         )  # fmt: skip
         sweeps = first, end, rows, buffers, status, last, outputs, gradients
         prepare({run_rows: runs, sweep_rows: sweeps})
@@ -466,7 +469,7 @@ def _simulate(separation, parameters, stops, tolerance, outputs=_NO_OUTPUTS, lis
     base[sunk, DECK_COLUMN] = heights
     states["x"][failed & ~sunk & (status != Status.STUCK)] = np.nan
     gradients[failed] = np.nan
-    return Outcome(separation, rows, base, release_times, status, steps, notices), states["x"], gradients
+    return Outcome(separation, rows, base, release_times, status, steps, evaluations, notices), states["x"], gradients
 
 
 @dataclass(frozen=True)

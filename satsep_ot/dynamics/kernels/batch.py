@@ -68,13 +68,13 @@ def _entry_points(source_digest: int) -> Any:
     @entry_point
     def run_rows(
         first, end, keep, rows, orbit, attitude, horizon, tolerance, stops, buffers, results, exit_clearances,
-        release_time, status, steps, last, states, notices,
+        release_time, status, steps, evaluations, last, states, notices,
     ):  # fmt: skip
         """Rows first to end - 1 of the parameters, one after the other; with keep = 1 each in a slot of its own.
 
         Writes a RESULT for each, the clearances of its points at their exits (n, E), release times (n, N), status,
-        number of steps and the index of the tape's state at the last release, the states at the times `stops`, and a
-        NOTICE.
+        numbers of steps and of evaluations of the right-hand side, the index of the tape's state at the last release,
+        the states at the times `stops`, and a NOTICE.
         """
         digest = source_digest  # noqa: F841 a closure variable enters the cache key only where it is used
         for row in range(first, end):
@@ -84,6 +84,7 @@ def _entry_points(source_digest: int) -> Any:
                 parameters, orbit, attitude, stops, horizon, tolerance, run, release_time[row], states[row]
             )  # fmt: skip
             steps[row] = run.progress.step
+            evaluations[row] = run.progress.evaluations
             last[row] = run.progress.last
             result, end_of_push = results[row], run.tape[run.progress.last]
             copy_state(end_of_push.state, result.state)

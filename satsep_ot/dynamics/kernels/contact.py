@@ -25,7 +25,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from satsep_ot.dynamics.kernels.compilation import INLINE, inline, integers, kernel
+from satsep_ot.dynamics.kernels.compilation import INLINE, inline, integers, kernel, larger
 from satsep_ot.dynamics.kernels.records import LANES, ContactRun
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
@@ -35,6 +35,7 @@ from satsep_ot.dynamics.kernels.vectors import (
     dot,
     lane,
     minus,
+    norm,
     plus,
     rotation,
     scaled,
@@ -69,9 +70,15 @@ def place(state, R, element):
 
 
 @inline
+def velocity_at(state, Omega, p, arm):
+    """Of the satellite's material point at a contact less that of the platform's; Omega is R omega_2."""
+    return minus(plus(state.w, cross(Omega, arm)), cross(state.omega_1, p))
+
+
+@inline
 def contact_velocity(state, R, p, arm):
-    """Of the satellite's material point at the contact less that of the platform's."""
-    return minus(plus(state.w, cross(times(R, state.omega_2), arm)), cross(state.omega_1, p))
+    """The same from R."""
+    return velocity_at(state, times(R, state.omega_2), p, arm)
 
 
 @inline
@@ -125,12 +132,23 @@ def element_force(state, R, element, run):
 
 @inline
 def _contact_forces(state, R, run, F, M_2, M_1):
+    total = 0.0
+    largest = 0.0
     for k in range(run.contact.number_loaded):
-        F_i, p, arm, _ = element_force(state, R, run.elements[run.contact.loaded[k]], run)
+        F_i, p, arm, N = element_force(state, R, run.elements[run.contact.loaded[k]], run)
         F = plus(F, F_i)
         M_2 = plus(M_2, cross(arm, F_i))
         M_1 = minus(M_1, cross(p, F_i))
+        total += N
+        largest = larger(largest, N)
+    run.contact.normal, run.contact.largest = total, largest
     return F, M_2, M_1
+
+
+@inline
+def _keep_normal_forces(stage, run):
+    run.contact.stage_normal[stage] = run.contact.normal
+    run.contact.stage_largest[stage] = run.contact.largest
 
 
 @kernel
@@ -148,6 +166,12 @@ def contact_forces(state, R, run, F, M_2, M_1):
     return _contact_forces(state, R, run, F, M_2, M_1) if isinstance(run, ContactRun) else (F, M_2, M_1)
 
 
+def keep_normal_forces(stage, run):
+    """Keep the normal forces of the stage just evaluated."""
+    if isinstance(run, ContactRun):
+        _keep_normal_forces(stage, run)
+
+
 def contact_forces_adjoint(state, R, run, sweep):
     """Add what they contribute to the adjoints, from those of force and moments in the chain."""
     if isinstance(run, ContactRun):
@@ -163,6 +187,13 @@ def _choose_forces(state, R, run, F, M_2, M_1):
     if _has_contact(run):
         return lambda state, R, run, F, M_2, M_1: _contact_forces(state, R, run, F, M_2, M_1)
     return lambda state, R, run, F, M_2, M_1: (F, M_2, M_1)
+
+
+@overload(keep_normal_forces, jit_options=INLINE, strict=False)
+def _choose_keeping(stage, run):
+    if _has_contact(run):
+        return lambda stage, run: _keep_normal_forces(stage, run)
+    return lambda stage, run: None
 
 
 @overload(contact_forces_adjoint, jit_options=INLINE, strict=False)
@@ -342,11 +373,10 @@ def extent_height(state, R, element, system, p, arm):
     return p[1] + system.platform.center_of_mass[1]
 
 
-@kernel
-def look_at(state, run, values, rates, which):
+@inline
+def look_at(state, R, Omega, run, values, rates, which):
     """Write the conditions of the mode of element `which` in a state into `values`, and their rates."""
     element, system = run.elements[which], run.system
-    R = rotation(state.Q)
     for n in range(3):
         values[n] = np.inf
         rates[n] = np.nan
@@ -358,7 +388,7 @@ def look_at(state, run, values, rates, which):
         p = plus(state.d, arm)
         n_1 = vector(spring.guide)
         s = dot(n_1, minus(p, spring.platform_seat))
-        rate = dot(n_1, contact_velocity(state, R, p, arm))
+        rate = dot(n_1, velocity_at(state, Omega, p, arm))
         values[EXTENT] = spring.release_stroke - s
         rates[EXTENT] = -rate
         if element.mode == STICKS:
@@ -368,7 +398,7 @@ def look_at(state, run, values, rates, which):
             values[GAP] = element.sign * rate + SLACKNESS
         return
     p, arm = place(state, R, element)
-    v = contact_velocity(state, R, p, arm)
+    v = velocity_at(state, Omega, p, arm)
     y = extent_height(state, R, element, system, p, arm)
     # In both axes the height changes as the points move along the platform's or the satellite's y axis.
     y_rate = v[1] if element.kind != FACE else -(R[1] * v[0] + R[4] * v[1] + R[7] * v[2])
@@ -390,6 +420,30 @@ def look_at(state, run, values, rates, which):
         values[BRACKET] = bracket + SLACKNESS
     elif element.mode == SLACK:
         values[BRACKET] = -bracket + SLACKNESS
+
+
+@kernel
+def way_of_points(start, end, contact):
+    """How far a point of one body moves at most against the other between two states [m], on the straight way.
+
+    Gaps and extents change by no more. The second way is across the separation axis, of either body: the gap from a
+    surface along it changes by no more than that.
+    """
+    turn = 0.0
+    for n in range(4):
+        turn += (end.Q[n] - start.Q[n]) ** 2
+    x, y, z = end.d[0] - start.d[0], end.d[1] - start.d[1], end.d[2] - start.d[2]
+    across = math.sqrt(x * x + z * z)
+    way = across + abs(y)
+    reach = contact.satellite_reach
+    if contact.platform_reach > 0.0:
+        reach = larger(reach, contact.platform_reach + norm(start.d) + way)
+    # What is at a distance of 1 moves by 2 sin(angle / 2) in a turn, quaternions by 2 sin(angle / 4).
+    turned = 2.0 * math.sqrt(turn)
+    # The axes of both bodies are not parallel: the sine of their angle from the quaternion.
+    q = start.Q
+    tilt = 2.0 * math.sqrt((q[1] * q[1] + q[3] * q[3]) * (q[0] * q[0] + q[2] * q[2])) + turned
+    return way + turned * reach, across + tilt * abs(y) + turned * reach
 
 
 @inline

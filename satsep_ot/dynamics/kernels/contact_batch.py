@@ -69,7 +69,7 @@ def _entry_points(source_digest: int) -> Any:
     @entry_point
     def run_contact_rows(
         first, end, keep, rows, orbit, attitude, horizon, tolerance, stops, buffers, more, results, exit_clearances,
-        release_time, status, steps, last, states, contacts,
+        release_time, status, steps, evaluations, last, states, contacts,
     ):  # fmt: skip
         """As `batch.run_rows`; `contacts` (n, 3) are impulse, largest force and end of the last contact."""
         digest = source_digest  # noqa: F841
@@ -81,6 +81,7 @@ def _entry_points(source_digest: int) -> Any:
                 more.angles, more.feet,
             )  # fmt: skip
             steps[row] = run.progress.step
+            evaluations[row] = run.progress.evaluations
             last[row] = run.progress.last
             result, at_last = results[row], run.tape[run.progress.last]
             copy_state(at_last.state, result.state)

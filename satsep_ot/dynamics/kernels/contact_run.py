@@ -21,14 +21,16 @@ from satsep_ot.dynamics.kernels.contact import (
     OPEN,
     OUT,
     PINS,
+    RAIL_END,
+    RAIL_MOUTH,
     SLACK,
     SLIPS,
     STICKS,
     contact_mode,
-    element_force,
     gap_rate,
     list_loaded,
     look_at,
+    way_of_points,
 )
 from satsep_ot.dynamics.kernels.contact_setup import set_elements
 from satsep_ot.dynamics.kernels.deck import begin_watch, foot_is_clear, lowest_between
@@ -85,10 +87,14 @@ EVENT_TIME = 1e-9  # s, of events at which the force is continuous
 JUMP_TIME = 1e-13  # s, of those at which it jumps
 # A run whose bodies move against each other by less than two sliding speeds for so long is stuck.
 STUCK_TIME = 0.25  # s
+# So is one whose bodies do not move against each other at all, for a shorter time.
+CALM_SPEED, CALM_TIME = 1e-4, 0.02  # m/s, s
 # A satellite that pins hold so long after the last push hangs on them.
 HANG_TIME = 1.0  # s
-# What a step may err, as a share of what the run may: contacts without damping multiply errors.
-ELASTIC_MARGIN = 0.01
+# What a step may err, as a share of what the run may, at tolerances of LOOSE and above: stiff contacts damp what short
+# steps would not err, contacts without damping multiply it. Less at smaller tolerances: event by event as expected.
+LOOSE = 1e-8
+RAIL_MARGIN, CONTACT_MARGIN, PINS_MARGIN, ELASTIC_MARGIN = 1000.0, 30.0, 0.3, 0.5
 SLIDING_SPEED = 1e-3  # m/s
 
 
@@ -131,6 +137,7 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time, an
     progress.step = 0
     progress.last = 0
     progress.stop = 0
+    progress.evaluations = 0
     progress.time = 0.0
     run.tape[0].time = 0.0
     contact.events = 0
@@ -138,11 +145,20 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time, an
     contact.force = 0.0
     contact.last_contact = 0.0
     contact.still_since = 0.0
+    contact.calm_since = 0.0
     contact.stuck = 0
     contact.pushed_until = 0.0
     contact.hint = np.inf
     contact.known = 0
     contact.number_loaded = 0
+    contact.way = 0.0
+    contact.way_across = 0.0
+    contact.number_watched = run.elements.shape[0]
+    for i in range(run.elements.shape[0]):
+        contact.watched[i] = i
+        contact.seen[i] = -1
+        group = run.elements[i].group
+        contact.stands_along[i] = 1 if group in (RAIL_END, RAIL_MOUTH) else 0
     for n in range(4):
         state.q_1[n] = attitude[n]
     if not set_constants(parameters, orbit, run):
@@ -160,7 +176,7 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time, an
     forget_slopes(run.step)
     start_springs(run, release_time)
     set_elements(parameters, run, angles, feet)
-    progress.step_tolerance = larger(step_margin(run) * tolerance, 1e-13)
+    progress.step_tolerance = larger(step_margin(tolerance, run) * tolerance, 1e-13)
     progress.short = (0.6 * tolerance) ** 0.2 / progress.frequency
     if progress.to_release == 0 and contact.held == 0 and run.elements.shape[0] == 0:
         return NO_SPRING
@@ -177,14 +193,18 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time, an
 
 
 @kernel
-def step_margin(run):
+def step_margin(tolerance, run):
     """What a step may err, as a share of what the run may."""
-    margin = STEP_MARGIN
+    margin = RAIL_MARGIN
     for i in range(run.elements.shape[0]):
         element = run.elements[i]
+        if element.kind == PINS:
+            margin = smaller(margin, PINS_MARGIN)
+        elif element.group not in (RAIL_END, RAIL_MOUTH):
+            margin = smaller(margin, CONTACT_MARGIN)
         if element.kind != BOLT and element.kind != PINS and element.damping <= 0.0:
-            margin = ELASTIC_MARGIN
-    return margin
+            margin = smaller(margin, ELASTIC_MARGIN)
+    return larger(margin * smaller(1.0, tolerance / LOOSE) ** 0.8, STEP_MARGIN)
 
 
 @kernel
@@ -278,24 +298,53 @@ def sticks(run):
 
 
 @kernel
-def look(state, run, at_end):
-    """Evaluate the conditions of all elements in a state."""
-    for i in range(run.elements.shape[0]):
-        element = run.elements[i]
-        if at_end:
-            look_at(state, run, element.after, element.rate_after, i)
-        else:
-            look_at(state, run, element.before, element.rate_before, i)
-
-
-@kernel
-def carry_over(run):
-    """Take the conditions at the end of the last step for those at the start of the next one."""
-    for i in range(run.elements.shape[0]):
-        element = run.elements[i]
+def look_back(i, state, R, Omega, run):
+    """Evaluate the conditions of element i where the step starts, and up to which way none can end."""
+    element, contact = run.elements[i], run.contact
+    if contact.known > 0 and contact.seen[i] == run.progress.step - 1:
+        # They are those where the last step has ended.
         for k in range(3):
             element.before[k] = element.after[k]
             element.rate_before[k] = element.rate_after[k]
+    else:
+        look_at(state, R, Omega, run, element.before, element.rate_before, i)
+    contact.seen[i] = run.progress.step
+    contact.clear_gap[i] = -np.inf
+    if element.mode == OPEN or element.mode == OUT or element.mode == GONE or element.mode == HOLDS:
+        # Half of the way: bodies that vibrate within a step move by more than from its start to its end.
+        way = contact.way_across if contact.stands_along[i] > 0 else contact.way
+        contact.clear_gap[i] = way + 0.5 * element.before[GAP]
+        contact.clear_extent[i] = contact.way + 0.5 * element.before[EXTENT]
+
+
+@kernel
+def look_at_start(state, run):
+    """Evaluate the conditions, where the step starts, of the elements that were watched in the last one."""
+    R = rotation(state.Q)
+    Omega = times(R, state.omega_2)
+    for k in range(run.contact.number_watched):
+        look_back(run.contact.watched[k], state, R, Omega, run)
+
+
+@kernel
+def look_at_end(run):
+    """Evaluate the conditions, where the step ends, of the elements for which one may have ended: watch these."""
+    contact, step, start = run.contact, run.step, run.tape[run.progress.step].state
+    way, across = way_of_points(start, step.end, contact)
+    contact.way_ahead, contact.way_across_ahead = contact.way + way, contact.way_across + across
+    R_0, R = rotation(start.Q), rotation(step.end.Q)
+    Omega_0, Omega = times(R_0, start.omega_2), times(R, step.end.omega_2)
+    number = 0
+    for i in range(run.elements.shape[0]):
+        ahead = contact.way_across_ahead if contact.stands_along[i] > 0 else contact.way_ahead
+        if not (ahead < contact.clear_gap[i] and contact.way_ahead < contact.clear_extent[i]):
+            if contact.seen[i] < run.progress.step:
+                look_back(i, start, R_0, Omega_0, run)
+            element = run.elements[i]
+            look_at(step.end, R, Omega, run, element.after, element.rate_after, i)
+            contact.watched[number] = i
+            number += 1
+    contact.number_watched = number
 
 
 @inline
@@ -362,7 +411,8 @@ def first_event(h, run):
                     latest = larger(latest, late)
                 if time < soonest:
                     soonest, over, what, which, tolerance = time, late, RELEASE, i, JUMP_TIME
-    for i in range(run.elements.shape[0]):
+    for m in range(run.contact.number_watched):
+        i = run.contact.watched[m]
         element = run.elements[i]
         for k in range(3):
             if element.after[k] < 0.0:
@@ -380,8 +430,8 @@ def first_event(h, run):
 @kernel
 def passes_unseen(h, run):
     """Whether a surface may have been touched and left again within the step, by the cubics of the gaps."""
-    for i in range(run.elements.shape[0]):
-        element = run.elements[i]
+    for m in range(run.contact.number_watched):
+        element = run.elements[run.contact.watched[m]]
         if element.mode == OPEN and element.rate_before[GAP] < 0.0 and element.rate_after[GAP] > 0.0:
             _, lowest = lowest_between(
                 element.before[GAP], element.after[GAP], h * element.rate_before[GAP], h * element.rate_after[GAP]
@@ -394,7 +444,8 @@ def passes_unseen(h, run):
 @kernel
 def pending_event(run):
     """An element whose condition no longer holds where the last step has ended, at an event of another one; or -1."""
-    for i in range(run.elements.shape[0]):
+    for m in range(run.contact.number_watched):
+        i = run.contact.watched[m]
         for k in range(3):
             if run.elements[i].after[k] < 0.0:
                 return i
@@ -422,7 +473,8 @@ def holds_at_start(element):
 @kernel
 def keep_only(which, run):
     """Leave but the event of element `which` for now, and take its conditions where the step starts."""
-    for i in range(run.elements.shape[0]):
+    for m in range(run.contact.number_watched):
+        i = run.contact.watched[m]
         element = run.elements[i]
         for k in range(3):
             if i != which:
@@ -431,6 +483,24 @@ def keep_only(which, run):
                 element.after[k] = smaller(element.before[k], -1e-300)
             else:
                 element.after[k] = larger(element.before[k], 0.0)
+
+
+@inline
+def place_error(time, h, run):
+    """How far the place of an event by a cubic through both ends of a step of h [s] may be off [s]."""
+    frequency = run.contact.frequency if run.contact.number_loaded > 0 else run.contact.free_frequency
+    phase = smaller(frequency * h, 1.5)
+    z = time / h
+    error = phase * phase * phase / 24.0 * z * z * (1.0 - z) * (1.0 - z) * h
+    return smaller(larger(error, EVENT_TIME), 0.5 * time)
+
+
+@inline
+def first_step(run):
+    """A step for the error control to begin with after an event [s]."""
+    if run.contact.number_loaded > 0:
+        return 6.0 * run.progress.step_tolerance**0.125 / run.contact.frequency
+    return 1.0 / run.contact.free_frequency
 
 
 @kernel
@@ -448,10 +518,7 @@ def take_step(run):
         return OK
     copy_state(state, step.stage[0])
     stages(FIRST, SECOND, EIGHTH_ORDER, t, 0.0, run)
-    if contact.known > 0:
-        carry_over(run)
-    else:
-        look(state, run, False)
+    look_at_start(state, run)
     set_allowed_error(progress, state, step.allowed)
     allow_rounding(step.allowed)
     h = smaller(longest_step(run), limit)
@@ -468,7 +535,7 @@ def take_step(run):
                 h = shorter
                 continue
         finish(method, h, step)
-        look(step.end, run, True)
+        look_at_end(run)
         time, over, what, event_of, tolerance, late = first_event(h, run)
         if what == NOTHING:
             if h > 1e-9 and passes_unseen(h, run):
@@ -501,8 +568,7 @@ def take_step(run):
             return OK
         if time > 4.0 * progress.short:
             # End before it; what is left is for short steps.
-            margin = smaller(1e-2 * time + 0.1 * (h - time), 0.5 * time)
-            h = time - margin
+            h = time - place_error(time, h, run)
         else:
             # A little behind the place that the cubic, or the straight line, says.
             h = smaller(time + 0.5 * tolerance, h - 0.5 * smaller(over, 0.5 * h))
@@ -512,20 +578,14 @@ def take_step(run):
 @kernel
 def add_impulse(run):
     """Add the normal forces of the step just taken to their impulse, by the quadrature of the step itself."""
-    contact, step, progress = run.contact, run.step, run.progress
+    contact, progress = run.contact, run.progress
     if contact.number_loaded == 0 or progress.h == 0.0:
         return
     for i in range(STAGE_NUMBER[progress.method]):
         weight = B[progress.method, i]
         if weight != 0.0:
-            state = step.stage[i]
-            R = rotation(state.Q)
-            total = 0.0
-            for k in range(contact.number_loaded):
-                _, _, _, N = element_force(state, R, run.elements[contact.loaded[k]], run)
-                total += N
-                contact.force = larger(contact.force, N)
-            contact.impulse += progress.h * weight * total
+            contact.impulse += progress.h * weight * contact.stage_normal[i]
+            contact.force = larger(contact.force, contact.stage_largest[i])
 
 
 @kernel
@@ -574,6 +634,8 @@ def pass_event(run, release_time):
     state = run.tape[progress.step].state
     to_release = progress.to_release
     contact.known = 1 if event != MODE_CHANGES and progress.h > 0.0 else 0
+    if progress.h > 0.0:
+        contact.way, contact.way_across = contact.way_ahead, contact.way_across_ahead
     if event == PUSH_STARTS:
         start_push(which, run)
     elif event == RELEASE:
@@ -609,7 +671,7 @@ def pass_event(run, release_time):
             element.after[k] = np.inf
         list_loaded(run)
         # What has begun to act may be stiffer than what was there.
-        progress.next_step = smaller(progress.next_step, 1.0 / contact.frequency)
+        progress.next_step = first_step(run)
     if progress.to_release == 0 and to_release > 0:
         limit_turns(progress, state)
         contact.pushed_until = progress.time
@@ -643,9 +705,11 @@ def watch(run):
         late = progress.time - contact.pushed_until > HANG_TIME
         if hangs(state, moving, turn, late, run):
             contact.stuck = 1
+    if speed > CALM_SPEED or progress.boundary < progress.horizon:
+        contact.calm_since = progress.time
     if speed > 2.0 * SLIDING_SPEED or progress.boundary < progress.horizon:
         contact.still_since = progress.time
-    elif progress.time - contact.still_since > STUCK_TIME:
+    elif progress.time - contact.still_since > STUCK_TIME or progress.time - contact.calm_since > CALM_TIME:
         if not over or contact.number_loaded > 0:
             contact.stuck = 1
         elif speed < 1e-9:

@@ -61,14 +61,23 @@ def hunt_crossley_damping(restitution, speed):
         return 0.0, -1.5 / speed, 0.0
     low = 0.0
     high = 1.0 / e
+    # The root for a restitution near 1; Newton's method, held between its bounds.
+    u = smaller(1.5 * (1.0 - e * e) / (1.0 + e * e * e), 0.5 * high)
     for _ in range(200):
-        u = 0.5 * (low + high)
         rest = 1.0 - e * u
-        if rest <= 0.0 or -e * u - math.log(rest) - u + math.log(1.0 + u) > 0.0:
+        value = -e * u - math.log(rest) - u + math.log(1.0 + u)
+        if value > 0.0:
             high = u
         else:
             low = u
-    u = low
+        slope = e * e * u / rest - u / (1.0 + u)
+        following = u - value / slope if slope > 0.0 else low
+        if not low < following < high:
+            following = 0.5 * (low + high)
+        change = following - u
+        u = following
+        if abs(change) <= 1e-15 * u:
+            break
     rest = larger(1.0 - e * u, 1e-300)
     by_u = e * e * u / rest - u / (1.0 + u)
     by_e = e * u * u / rest
@@ -77,11 +86,19 @@ def hunt_crossley_damping(restitution, speed):
 
 
 @inline
-def set_law(element, given):
+def damping_of(given):
+    """lambda of the contacts of a part of the parameters; 0 where there is none."""
+    if given.shape[0] == 0:
+        return 0.0
+    lam, _, _ = hunt_crossley_damping(given[0].restitution, given[0].impact_speed)
+    return lam + given[0].damping
+
+
+@inline
+def set_law(element, given, damping):
     """Stiffness, damping and friction of a contact."""
-    lam, _, _ = hunt_crossley_damping(given.restitution, given.impact_speed)
     element.stiffness = given.stiffness
-    element.damping = lam + given.damping
+    element.damping = damping
     element.friction = given.friction
     element.sliding = given.sliding_speed
 
@@ -93,7 +110,7 @@ def on_ring(angle, radius):
 
 
 @kernel
-def set_element(parameters, element, run, angles, feet):
+def set_element(parameters, element, run, angles, feet, contact_damping, rail_damping):
     """Fill the numbers of an element from the parameters; its kind, group and number are there."""
     c_1, c_2 = parameters.common.platform.center_of_mass, parameters.common.satellite.center_of_mass
     l_0 = parameters.common.stowed_length
@@ -104,7 +121,7 @@ def set_element(parameters, element, run, angles, feet):
         foot = vector(feet[number]) if feet.shape[0] > 0 else on_ring(angles[number], given.radius)
         put(element.point, minus(foot, c_2))
         element.level = given.level + l_0 - c_1[1]
-        set_law(element, given)
+        set_law(element, given, contact_damping)
     elif group == RECESS:
         put(element.point, minus(run.points[number].place, c_2))
         element.high = parameters.common.recess_depth
@@ -112,7 +129,7 @@ def set_element(parameters, element, run, angles, feet):
             element.level = parameters.common.recess_radius
         else:
             element.level = parameters.offsets[element.wall] - dot(element.normal, c_1)
-        set_law(element, parameters.contact[0])
+        set_law(element, parameters.contact[0], contact_damping)
     elif group == RAIL_END:
         given = parameters.rails[0]
         x, end, z = vector(element.other)
@@ -120,7 +137,7 @@ def set_element(parameters, element, run, angles, feet):
         put(element.point, minus((x * w, given.satellite[1] if end > 0.0 else given.satellite[0], z * w), c_2))
         element.level = -w - given.clearance - dot(element.normal, c_1)
         element.high = given.mouth
-        set_law(element, given)
+        set_law(element, given, rail_damping)
     elif group == RAIL_MOUTH:
         given = parameters.rails[0]
         x, _, z = vector(element.other)
@@ -128,7 +145,7 @@ def set_element(parameters, element, run, angles, feet):
         put(element.point, minus((x * w, given.mouth, z * w), c_1))
         element.level = given.half_width - dot(element.normal, c_2)
         element.low, element.high = given.satellite[0], given.satellite[1]
-        set_law(element, given)
+        set_law(element, given, rail_damping)
     elif group == HOLD_DOWN:
         given = parameters.hold_downs[number]
         put(element.point, minus(on_ring(given.angle, given.radius), c_2))
@@ -149,9 +166,10 @@ def set_elements(parameters, run, angles, feet):
     contact.held = 0
     R = rotation(state.Q)
     stiffest = 0.0
+    contact_damping, rail_damping = damping_of(parameters.contact), damping_of(parameters.rails)
     for i in range(run.elements.shape[0]):
         element = run.elements[i]
-        set_element(parameters, element, run, angles, feet)
+        set_element(parameters, element, run, angles, feet, contact_damping, rail_damping)
         if element.kind == PINS:
             spring = run.springs[element.number]
             p = plus(state.d, times(R, spring.satellite_seat))
@@ -225,23 +243,21 @@ def set_frequency(run, stiffest):
                 arm_1 = larger(arm_1, square)
             else:
                 arm_2 = larger(arm_2, square)
+    run.contact.satellite_reach, run.contact.platform_reach = math.sqrt(arm_2), math.sqrt(arm_1)
     inverse = system.satellite.inverse_inertia
     lever = system.inverse_reduced_mass + arm_2 * larger(inverse[0], larger(inverse[4], inverse[8]))
     inverse = system.platform.inverse_inertia
     lever += arm_1 * larger(inverse[0], larger(inverse[4], inverse[8]))
     run.contact.frequency = math.sqrt(stiffest * lever)
+    run.contact.free_frequency = progress.frequency
     progress.frequency = larger(progress.frequency, run.contact.frequency)
 
 
 @inline
-def law_adjoint(given, adjoint, n, out):
+def law_adjoint(adjoint, n, out):
     """Add what a contact's law says to the gradient of its parameters."""
-    _, by_e, by_speed = hunt_crossley_damping(given.restitution, given.impact_speed)
-    by_damping = adjoint.damping[n]
     out.stiffness += adjoint.stiffness[n]
-    out.restitution += by_e * by_damping
-    out.impact_speed += by_speed * by_damping
-    out.damping += by_damping
+    out.damping += adjoint.damping[n]
     out.friction += adjoint.friction[n]
     out.sliding_speed += adjoint.sliding[n]
 
@@ -251,6 +267,15 @@ def ring_adjoint(angle, radius, by_place):
     """From the adjoint of a place on the ring to those of its angle and its radius."""
     cosine, sine = math.cos(angle), math.sin(angle)
     return radius * (cosine * by_place[2] - sine * by_place[0]), cosine * by_place[0] + sine * by_place[2]
+
+
+@inline
+def damping_adjoint(given, n, gradient):
+    """From the gradient of lambda to those of restitution and impact speed."""
+    if given.shape[0] > 0:
+        _, by_e, by_speed = hunt_crossley_damping(given[0].restitution, given[0].impact_speed)
+        gradient[n, 0].restitution = by_e * gradient[n, 0].damping
+        gradient[n, 0].impact_speed = by_speed * gradient[n, 0].damping
 
 
 @kernel
@@ -274,7 +299,7 @@ def elements_adjoint(parameters, run, sweep, angles, feet, n, gradient):
             out.level += by_level
             constants.stowed_length[n] += by_level
             by_c_1[1, n] -= by_level
-            law_adjoint(given, adjoint, n, out)
+            law_adjoint(adjoint, n, out)
         elif group == RECESS:
             add_lane(by_c_2, n, scaled(-1.0, by_point))
             constants.recess_depth[n] += adjoint.high[n]
@@ -283,7 +308,7 @@ def elements_adjoint(parameters, run, sweep, angles, feet, n, gradient):
             else:
                 sweep.offsets[element.wall, n] += by_level
                 add_lane(by_c_1, n, scaled(-by_level, vector(element.normal)))
-            law_adjoint(parameters.contact[0], adjoint, n, gradient.contact[n, 0])
+            law_adjoint(adjoint, n, gradient.contact[n, 0])
         elif group == RAIL_END:
             given, out = parameters.rails[0], gradient.rails[n, 0]
             x, end, z = vector(element.other)
@@ -293,7 +318,7 @@ def elements_adjoint(parameters, run, sweep, angles, feet, n, gradient):
             out.satellite[1 if end > 0.0 else 0] += by_point[1]
             add_lane(by_c_1, n, scaled(-by_level, vector(element.normal)))
             out.mouth += adjoint.high[n]
-            law_adjoint(given, adjoint, n, out)
+            law_adjoint(adjoint, n, out)
         elif group == RAIL_MOUTH:
             given, out = parameters.rails[0], gradient.rails[n, 0]
             x, _, z = vector(element.other)
@@ -305,7 +330,7 @@ def elements_adjoint(parameters, run, sweep, angles, feet, n, gradient):
             add_lane(by_c_2, n, scaled(-by_level, vector(element.normal)))
             out.satellite[0] += adjoint.low[n]
             out.satellite[1] += adjoint.high[n]
-            law_adjoint(given, adjoint, n, out)
+            law_adjoint(adjoint, n, out)
         elif group == HOLD_DOWN:
             given, out = parameters.hold_downs[number], gradient.hold_downs[n, number]
             add_lane(by_c_2, n, scaled(-1.0, by_point))
@@ -321,6 +346,8 @@ def elements_adjoint(parameters, run, sweep, angles, feet, n, gradient):
             constants.inverse_reduced_mass[n] -= given.damping_ratio * root / run.system.inverse_reduced_mass * by_T
         else:
             sweep.springs[number].stiffness[n] += adjoint.stiffness[n]
+    damping_adjoint(parameters.contact, n, gradient.contact)
+    damping_adjoint(parameters.rails, n, gradient.rails)
 
 
 @kernel

@@ -12,6 +12,7 @@ import numpy as np
 from scipy.integrate import DOP853
 
 from satsep_ot.dynamics.kernels.compilation import inline, integers, kernel
+from satsep_ot.dynamics.kernels.contact import keep_normal_forces
 from satsep_ot.dynamics.kernels.records import LANES, STAGES, STATE_SIZE
 from satsep_ot.dynamics.kernels.rigid_body import derivative, derivative_adjoint
 from satsep_ot.dynamics.kernels.vectors import add
@@ -86,6 +87,8 @@ def stages(first, end, method, t, h, run):
         if i > 0:
             combine(method, i, h, step, state)
         derivative(t + C[method, i] * h, state, step.slope[i], run)
+        keep_normal_forces(i, run)
+    run.progress.evaluations += end - first
 
 
 @inline

@@ -249,11 +249,33 @@ ELEMENT = record(
 CONTACT = record(
     ("loaded", INTEGER, 160),  # elements that act
     ("number_loaded", INTEGER),
+    # Elements whose conditions may end in this step, the last step at whose start each was looked at, and the ways
+    # (see `contact.way_of_points`) up to which its gap and its extent need no look.
+    ("watched", INTEGER, 160),
+    ("number_watched", INTEGER),
+    ("seen", INTEGER, 160),
+    ("clear_gap", NUMBER, 160),
+    ("clear_extent", NUMBER, 160),
+    ("stands_along", INTEGER, 160),  # whether the surface is parallel to the separation axis
+    # Of every point at most [m], by now and at the end of the step: as it is, and across the separation axis.
+    ("way", NUMBER),
+    ("way_across", NUMBER),
+    ("way_ahead", NUMBER),
+    ("way_across_ahead", NUMBER),
+    ("satellite_reach", NUMBER),  # largest distance of a point from the CG of its body [m]
+    ("platform_reach", NUMBER),
+    # Sum of the normal forces, and the largest one, where they were asked for last and at the stages of the step.
+    ("normal", NUMBER),
+    ("largest", NUMBER),
+    ("stage_normal", NUMBER, STAGES),
+    ("stage_largest", NUMBER, STAGES),
     ("frequency", NUMBER),  # of the stiffest contact [rad/s]
+    ("free_frequency", NUMBER),  # of the motion without contact
     ("held", INTEGER),  # bolts and pins that still hold
     ("known", INTEGER),  # whether the conditions at the end of the last step are those of all modes now
     ("hint", NUMBER),  # when the next event is expected, from now [s]
     ("still_since", NUMBER),  # since when nothing slides [s]
+    ("calm_since", NUMBER),  # since when nothing moves either
     ("pushed_until", NUMBER),  # when the last spring lets go [s]
     ("stuck", INTEGER),
     ("events", INTEGER),
@@ -300,6 +322,7 @@ PROGRESS = record(
     ("longest_turn", NUMBER),  # step that turns the bodies by no more than is allowed [s]
     ("time", NUMBER),
     ("step", INTEGER),  # index of the tape's current state
+    ("evaluations", INTEGER),  # of the right-hand side
     ("last", INTEGER),  # that at the last release
     ("to_release", INTEGER),
     ("inside", INTEGER),  # points that are still in the recess

@@ -109,6 +109,7 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time):
     progress.step = 0
     progress.last = 0
     progress.stop = 0
+    progress.evaluations = 0
     progress.time = 0.0
     run.tape[0].time = 0.0
     for n in range(4):
