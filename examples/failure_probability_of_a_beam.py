@@ -40,4 +40,4 @@ bounds = check.getProbabilityDistribution().computeBilateralConfidenceInterval(0
 lower, upper = bounds.getLowerBound()[0], bounds.getUpperBound()[0]
 print(f"Monte Carlo {share:.3e} [{lower:.3e}, {upper:.3e}] by {size:,} evaluations")
 
-view = otv.View(result.drawConvergence())
+view = otv.View(result.drawProbabilityConvergence())

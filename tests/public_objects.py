@@ -6,8 +6,6 @@ import satsep_ot
 
 # Exceptions and functions are no objects in this sense.
 EXCEPTIONS_AND_FUNCTIONS = {"CaseError", "addToStudy", "readFromStudy", "list_runs", "load_case", "load_runs"}
-# Their own suite is to join this one.
-OTHERS = {"ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult", "TrueRuns"}
 FORMULA = ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a + 0.4 * b)"])
 LAW = ot.Normal(2)
 
@@ -55,9 +53,16 @@ def stream():
     return found
 
 
+def event(function=FORMULA):
+    return ot.ThresholdEvent(ot.CompositeRandomVector(ot.Function(function), ot.RandomVector(LAW)), ot.Greater(), 3.0)
+
+
+def reliability(function=FORMULA):
+    return satsep_ot.ActiveSubspaceReliability(event(function))
+
+
 def comparison():
-    vector = ot.CompositeRandomVector(FORMULA, ot.RandomVector(LAW))
-    return satsep_ot.ReliabilityComparison(ot.ThresholdEvent(vector, ot.Greater(), 3.0), ["FORM"])
+    return satsep_ot.ReliabilityComparison(event(), ["FORM"])
 
 
 def task():
@@ -88,6 +93,15 @@ OBJECTS = {
         "done": lambda: done(subspace()),
         "of a Python model": lambda: subspace(Model()),
     },
+    "ActiveSubspaceReliability": {
+        "new": reliability,
+        "done": lambda: done(reliability()),
+        "of a Python model": lambda: done(reliability(Model())),
+    },
+    "ActiveSubspaceReliabilityResult": {
+        "new": lambda: done(reliability()).getResult(),
+        "of a Python model": lambda: done(reliability(Model())).getResult(),
+    },
     "ActiveSubspaceResult": {"new": lambda: done(subspace()).getResult()},
     "MonteCarloStream": {"new": stream, "done": lambda: done(stream())},
     "MonteCarloStreamResult": {"new": lambda: done(stream()).getResult()},
@@ -104,6 +118,7 @@ OBJECTS = {
     "RidgeApproximationResult": {"new": lambda: done(ridge()).getResult()},
     "SeparationFunction": {"new": lambda: satsep_ot.SeparationFunction("reference")},
     "SeparationProblem": {"new": lambda: satsep_ot.SeparationProblem("reference")},
+    "TrueRuns": {"new": lambda: done(reliability()).getResult().getTrueRuns()},
     "SeparationStudy": {"new": study, "done": sampledStudy},
 }
 CASES = [(name, state) for name, states in OBJECTS.items() for state in states]

@@ -281,7 +281,7 @@ def test_a_result_is_the_same_after_loading(tmp_path):
     point = [0.1, 0.2, 0.3]
     assert loaded.getMetaModelResult().getMetaModel()(point) == result.getMetaModelResult().getMetaModel()(point)
     assert loaded.getProbabilitySimulationResult().getProbabilityEstimate() == result.getProbabilityEstimate()
-    for draw in ("drawConvergence", "drawLimitState", "drawWeights", "drawImportance"):
+    for draw in ("drawProbabilityConvergence", "drawLimitState", "drawWeights", "drawImportance"):
         assert repr(getattr(loaded, draw)()) == repr(getattr(result, draw)())
     with pytest.raises(ValueError, match=r"must end on \.npz"):
         result.save(tmp_path / "result.pickle")

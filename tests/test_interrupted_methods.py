@@ -9,14 +9,14 @@ import numpy as np
 import openturns as ot
 import pytest
 
-from satsep_ot import ActiveSubspaceAlgorithm, MonteCarloStream
+from satsep_ot import ActiveSubspaceAlgorithm, ActiveSubspaceReliability, MonteCarloStream
 from satsep_ot.openturns_adapter import callFunction, raiseInterrupt
 
 SCRIPT = """
 import sys, time
 import numpy as np
 import openturns as ot
-from satsep_ot import ActiveSubspaceAlgorithm, MonteCarloStream
+from satsep_ot import ActiveSubspaceAlgorithm, ActiveSubspaceReliability, MonteCarloStream
 
 def one(x):
     end = time.perf_counter() + 0.002
@@ -32,6 +32,10 @@ function = ot.PythonFunction(2, 1, one) if sys.argv[2] == "one" else ot.PythonFu
 if sys.argv[1] == "subspace":
     task = ActiveSubspaceAlgorithm(function, ot.Normal(2))
     task.setSamplingSize(1_000)
+elif sys.argv[1] == "reliability":
+    vector = ot.CompositeRandomVector(function, ot.RandomVector(ot.Normal(2)))
+    task = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 6.0))
+    task.setTargetCoefficientOfVariation(0.01)
 else:
     task = MonteCarloStream(function, ot.Normal(2), 1_000_000)
     task.setBlockSize(16)
@@ -60,14 +64,14 @@ def interrupted(task, function, moments):
     return found
 
 
-@pytest.mark.parametrize("task", ["subspace", "stream"])
+@pytest.mark.parametrize("task", ["subspace", "stream", "reliability"])
 @pytest.mark.parametrize("function", ["one", "many"])
 def test_an_interrupt_never_ends_the_interpreter(task, function):
     assert interrupted(task, function, [0.3, 0.5]) == [(0, "interrupted 5\n", "")] * 2
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("task", ["subspace", "stream"])
+@pytest.mark.parametrize("task", ["subspace", "stream", "reliability"])
 @pytest.mark.parametrize("function", ["one", "many"])
 def test_an_interrupt_at_any_of_20_moments_never_ends_the_interpreter(task, function):
     assert interrupted(task, function, np.linspace(0.05, 1.0, 20)) == [(0, "interrupted 5\n", "")] * 20
@@ -124,6 +128,25 @@ def test_exact_gradients_so_far_are_kept():
         search.run()
     assert search.getResult().getOutputSample().getSize() == 30
     assert search.getResult().getDimension() == 1
+
+
+@pytest.mark.parametrize("call", [1, 2, 5, 9])
+def test_the_true_runs_so_far_are_kept(call):
+    evaluate = Interrupting(call)
+    vector = ot.CompositeRandomVector(ot.PythonFunction(2, 1, func_sample=evaluate), ot.RandomVector(ot.Normal(2)))
+    ot.RandomGenerator.SetSeed(0)
+    algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(vector, ot.Greater(), 4.0))
+    with pytest.raises(KeyboardInterrupt):
+        algorithm.run()
+    assert evaluate.calls == call
+    if call == 1:
+        with pytest.raises(RuntimeError, match="no true runs"):
+            algorithm.getRuns()
+    else:
+        inputs, outputs = algorithm.getRuns()
+        np.testing.assert_array_equal(np.array(inputs).sum(axis=1, keepdims=True), outputs)
+    with pytest.raises(RuntimeError, match="no result yet"):
+        algorithm.getResult()
 
 
 def test_the_blocks_so_far_are_kept():

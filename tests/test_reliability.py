@@ -323,7 +323,7 @@ def test_failures_that_only_a_surrogate_claims_do_not_bound_the_probability():
     # There are too few runs of the inputs' own distribution to say more.
     assert 3.0 / result.getEvaluationNumber() < upper < 0.2
     assert "crude Monte Carlo runs" in result.getReason()
-    assert result.drawConvergence().getDrawables().getSize() == 0
+    assert result.drawProbabilityConvergence().getDrawables().getSize() == 0
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -544,7 +544,7 @@ def test_a_hand_over_that_finds_nothing_keeps_the_bound_of_the_normal_runs(monke
     # Six normal runs without failure.
     assert bound(result)[1] == pytest.approx(1.0 - 0.05 ** (1.0 / 6.0))
     assert result.getReliabilityIndex() == math.inf
-    assert result.drawConvergence().getDrawables().getSize() == 0
+    assert result.drawProbabilityConvergence().getDrawables().getSize() == 0
 
 
 def test_a_periodic_function_of_many_inputs_is_covered():
@@ -745,7 +745,7 @@ def test_smooth_components_of_a_kinked_output_and_the_result_objects():
     surrogate = result.getMetaModelResult().getMetaModel()
     point = [0.3, -0.4, 1.2]
     np.testing.assert_allclose(surrogate(point), np.array(function(point))[:2], atol=1e-6)
-    assert len(result.drawConvergence().getDrawables()) == 3
+    assert len(result.drawProbabilityConvergence().getDrawables()) == 3
     assert len(result.drawLimitState().getDrawables()) >= 2
     assert "probability=" in repr(result)
     inner, outer = result.getConfidenceInterval(0.5), result.getConfidenceInterval(0.99)

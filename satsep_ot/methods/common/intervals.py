@@ -3,7 +3,12 @@
 import dataclasses
 import math
 
+import numpy as np
+import openturns as ot
 from scipy import stats
+
+# Where the distribution of an estimate has its knots, up to the median: the bounds at the usual levels are among them.
+_LOWER_PROBABILITIES = np.concatenate([[1e-6, 1e-5, 1e-4, 1e-3], np.arange(1, 201) / 400.0])
 
 
 def clopperPearson(failures: int, runs: int, level: float = 0.95) -> tuple[float, float]:
@@ -85,6 +90,33 @@ class ConfidenceInterval:
         lower, upper = self._bounds(level)
         upper = 1.0 if self.lowerOnly else upper
         return (1.0 - upper, 1.0 - lower) if self.complement else (lower, upper)
+
+    def distribution(self) -> ot.Distribution:
+        """The distribution whose bilateral interval at any level is this one; where a bound is the same at all levels,
+        that value has the probability 1/2.
+
+        Examples
+        --------
+        >>> from satsep_ot.methods.common.intervals import ConfidenceInterval
+        >>> print(ConfidenceInterval(failures=3, runs=1000).distribution().computeBilateralConfidenceInterval(0.95))
+        [0.0006191, 0.00874202]
+        """
+        halves = [self.bounds(1.0 - 2.0 * probability) for probability in _LOWER_PROBABILITIES]
+        quantiles = np.array([lower for lower, _ in halves] + [upper for _, upper in halves[-2::-1]])
+        masses = np.diff(np.concatenate([_LOWER_PROBABILITIES, 1.0 - _LOWER_PROBABILITIES[-2::-1]]))
+        # Nothing lies beyond the outermost knots.
+        masses[[0, -1]] += _LOWER_PROBABILITIES[0]
+        widths = np.diff(quantiles)
+        parts, weights = [], []
+        if (widths > 0.0).any():
+            # Stretches of zero width have no density, and stand beside the histogram.
+            first, heights = quantiles[0], np.where(widths > 0.0, masses / np.where(widths > 0.0, widths, 1.0), 0.0)
+            parts.append(ot.Histogram(first, widths[widths > 0.0].tolist(), heights[widths > 0.0].tolist()))
+            weights.append(float(masses[widths > 0.0].sum()))
+        for value in np.unique(quantiles[:-1][widths <= 0.0]):
+            parts.append(ot.Dirac(float(value)))
+            weights.append(float(masses[(widths <= 0.0) & (quantiles[:-1] == value)].sum()))
+        return ot.Mixture(parts, weights) if len(parts) > 1 else parts[0]
 
     def _bounds(self, level):
         if self.runs:

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import os
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from satsep_ot.methods.reliability.limit_state import NON_FINITE_POLICIES, check
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.run import ReliabilityRun
 from satsep_ot.methods.reliability.settings import MODES, ReliabilitySettings
+from satsep_ot.openturns_object import OpenTURNSObject
 
 # Targets that the estimate is made for.
 _SMALLEST_TARGET, _LARGEST_TARGET = 0.01, 0.5
@@ -20,7 +22,7 @@ _SMALLEST_TARGET, _LARGEST_TARGET = 0.01, 0.5
 __all__ = ["ActiveSubspaceReliability", "ActiveSubspaceReliabilityResult"]
 
 
-class ActiveSubspaceReliability:
+class ActiveSubspaceReliability(OpenTURNSObject):
     """Probability of an event: importance sampling by a surrogate that learns from every run, or around failure modes.
 
     Each smooth component becomes a polynomial of one to three directions of the standard normal space, found without
@@ -81,15 +83,15 @@ class ActiveSubspaceReliability:
         checkedKind(event)
         self._event = event
         self._settings = ReliabilitySettings()
-        self._run: ReliabilityRun | None = None
+        self._runs: tuple[ot.Sample, ot.Sample] | None = None
         self._result: ActiveSubspaceReliabilityResult | None = None
 
-    def __repr__(self) -> str:
-        return (
-            f"ActiveSubspaceReliability(mode={self._settings.mode}, "
-            f"targetCoefficientOfVariation={self._settings.targetCoefficientOfVariation}, "
-            f"maximumEvaluations={self._settings.maximumEvaluations})"
-        )
+    def _shown(self):
+        return {
+            "mode": self._settings.mode,
+            "targetCoefficientOfVariation": self._settings.targetCoefficientOfVariation,
+            "maximumEvaluations": self._settings.maximumEvaluations,
+        }
 
     def setComponents(
         self,
@@ -224,20 +226,16 @@ class ActiveSubspaceReliability:
         return self._result
 
     def getRuns(self) -> tuple[ot.Sample, ot.Sample]:
-        """Inputs and outputs of all true runs so far, also of a run() that an error ended.
+        """Inputs and outputs of all true runs of the last run(), also of one that an error or Ctrl-C ended.
 
         Raises
         ------
         RuntimeError
             There are none: `run` was not called, or ended before its first block of runs.
         """
-        if self._run is None or not self._run.recorder.blocks:
+        if self._runs is None:
             raise RuntimeError("there are no true runs: run() was not called, or ended before its first block")
-        runs, limitState = self._run.recorder.runs(), self._run.limitState
-        inputs, outputs = ot.Sample(runs.x), ot.Sample(runs.outputs)
-        inputs.setDescription(limitState.distribution.getDescription())
-        outputs.setDescription(limitState.function.getOutputDescription())
-        return inputs, outputs
+        return self._runs
 
     @singleThread()
     def run(self) -> None:
@@ -250,10 +248,18 @@ class ActiveSubspaceReliability:
             the checkpoint file is damaged, or that of another computation or model.
         RuntimeError
             The function failed; the message says in which phase and how many runs are kept (`getRuns`).
+        KeyboardInterrupt
+            Ctrl-C, also inside the function; `getRuns` has the runs before the present block.
         """
-        self._run = self._result = None
-        self._run = ReliabilityRun(self._event, dataclasses.replace(self._settings))
-        self._result = ActiveSubspaceReliabilityResult(self._run.compute())
+        self._runs = self._result = None
+        start = time.perf_counter()
+        run = ReliabilityRun(self._event, dataclasses.replace(self._settings))
+        try:
+            outcome = run.compute()
+        finally:
+            self._runs = run.recorder.samples()
+        outcome.seconds = time.perf_counter() - start
+        self._result = ActiveSubspaceReliabilityResult(outcome)
 
 
 def _refuseNotCallable(what, callback):

@@ -4,6 +4,8 @@ import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
 
+from satsep_ot.methods.common.deferred_interrupts import deferredInterrupts
+
 # Up to so many inputs points of a scrambled Sobol sequence, beyond them orthogonal pairs.
 _SOBOL_INPUTS, _SOBOL_POINTS = 10, 256
 
@@ -32,7 +34,9 @@ class WideDesign:
 
     def __init__(self, dimension: int, generator: np.random.Generator) -> None:
         self._dimension, self._generator = dimension, generator
-        self._sobol = qmc.Sobol(dimension, rng=generator) if dimension <= _SOBOL_INPUTS else None
+        # SciPy swallows an interrupt while it reads its table, which is half read then.
+        with deferredInterrupts():
+            self._sobol = qmc.Sobol(dimension, rng=generator) if dimension <= _SOBOL_INPUTS else None
         self._points = np.zeros((0, dimension))
 
     def draw(self, size: int, spread: float) -> np.ndarray:

@@ -112,6 +112,8 @@ class ReliabilityOutcome:
         Standard deviation of the last of them, in standard space.
     gradients : int
         Exact gradients that were used.
+    seconds : float
+        That the run took; 0 in a result of version 0.1.0.
     """
 
     event: Any
@@ -136,6 +138,7 @@ class ReliabilityOutcome:
     audits: int = 0
     auditSpread: float = 0.0
     gradients: int = 0
+    seconds: float = 0.0
 
     def ofComplement(self) -> "ReliabilityOutcome":
         """The outcome of the event itself, where this one is of its complement."""

@@ -1,6 +1,7 @@
 """True runs made in blocks and kept, whatever algorithm asks for them."""
 
 import numpy as np
+import openturns as ot
 
 from satsep_ot.methods.common.run_log import IncompleteBlockError
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
@@ -56,6 +57,16 @@ class RunRecorder:
     def runs(self) -> Runs:
         """All true runs in their order."""
         return Runs.concatenate(self.blocks)
+
+    def samples(self) -> tuple[ot.Sample, ot.Sample] | None:
+        """Inputs and outputs of all true runs, under their names; None where there are none."""
+        if not self.blocks:
+            return None
+        runs = self.runs()
+        inputs, outputs = ot.Sample(runs.x), ot.Sample(runs.outputs)
+        inputs.setDescription(self._limitState.distribution.getDescription())
+        outputs.setDescription(self._limitState.function.getOutputDescription())
+        return inputs, outputs
 
     def evaluate(self, u: np.ndarray, phase: str) -> Runs:
         """True runs at points (n, d) of standard space.

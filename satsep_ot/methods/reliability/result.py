@@ -6,8 +6,10 @@ import os
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
 import openturns as ot
 
+from satsep_ot.deprecation import DeprecatedAlias
 from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.common.storage import readResult, storedFormat, writeResult
 from satsep_ot.methods.reliability import graphs, sensitivity
@@ -22,11 +24,12 @@ from satsep_ot.methods.reliability.sensitivity import (
 from satsep_ot.methods.reliability.surrogate_view import SurrogateView
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.openturns_adapter import fromXML, isPython
+from satsep_ot.openturns_object import OpenTURNSObject
 
 _FORMAT, _FORMAT_OF_0_1_0 = "ActiveSubspaceReliabilityResult 4", "ActiveSubspaceReliabilityResult 3"
 
 
-class ActiveSubspaceReliabilityResult:
+class ActiveSubspaceReliabilityResult(OpenTURNSObject):
     """Result of :class:`~satsep_ot.methods.reliability.algorithm.ActiveSubspaceReliability`; made by its ``run()``.
 
     Examples
@@ -64,17 +67,34 @@ class ActiveSubspaceReliabilityResult:
             state = {"_outcome": _outcomeOf(_upgraded(fields))}
         vars(self).update(state)
 
-    def __repr__(self) -> str:
-        interval = self.getConfidenceInterval()
-        return (
-            f"ActiveSubspaceReliabilityResult(probability={self._outcome.probability:.4e}, "
-            f"interval=[{interval.getLowerBound()[0]:.4e}, {interval.getUpperBound()[0]:.4e}], "
-            f"evaluations={self.getEvaluationNumber()}, converged={self._outcome.converged})"
-        )
+    def _shown(self):
+        lower, upper = self._outcome.interval.bounds(0.95)
+        return {
+            "probability": f"{self._outcome.probability:.4e}",
+            "interval": f"[{lower:.4e}, {upper:.4e}]",
+            "evaluations": self.getEvaluationNumber(),
+            "converged": self._outcome.converged,
+        }
 
     def getProbabilityEstimate(self) -> float:
         """The unbiased estimate of the probability of the event."""
         return self._outcome.probability
+
+    def getEventProbability(self) -> float:
+        """The same under the name that OpenTURNS' results of approximations such as FORM have."""
+        return self._outcome.probability
+
+    def getProbabilityDistribution(self) -> ot.Distribution:
+        """What the confidence intervals say, as one distribution: its bilateral interval at any level is about
+        `getConfidenceInterval`, exactly so at 90, 95 and 99 %.
+
+        OpenTURNS' own results have a normal one here, whose lower bounds may be negative.
+        """
+        return self._outcome.interval.distribution()
+
+    def getTimeDuration(self) -> float:
+        """Seconds that ``run()`` took, those in the function included; 0 in a result of version 0.1.0."""
+        return self._outcome.seconds
 
     def getVarianceEstimate(self) -> float:
         """Variance of the estimate."""
@@ -282,6 +302,28 @@ class ActiveSubspaceReliabilityResult:
         kept = self._outcome.runs.finite
         return ot.MetaModelResult(ot.Sample(self._outcome.runs.x[kept]), ot.Sample(view.outputs[kept]), view.metaModel)
 
+    def getStandardSpaceDesignPoint(self) -> ot.Point:
+        """The most likely violation found, in standard space: the failed true run nearest to the origin.
+
+        A start of FORM; by itself it lies beyond the limit state, not on it.
+
+        Raises
+        ------
+        RuntimeError
+            No run has failed.
+        """
+        return ot.Point(self._outcome.runs.u[self._mostLikelyFailure()])
+
+    def getPhysicalSpaceDesignPoint(self) -> ot.Point:
+        """The most likely violation found, in physical units, see `getStandardSpaceDesignPoint`."""
+        return ot.Point(self._outcome.runs.x[self._mostLikelyFailure()])
+
+    def _mostLikelyFailure(self):
+        runs = self._outcome.runs
+        if not runs.failed.any():
+            raise RuntimeError("no run has failed, so nothing is known of the failures")
+        return int(np.argmin(np.where(runs.failed, (runs.u**2).sum(axis=1), np.inf)))
+
     # What the same true runs say beside the probability. ------------------------------------------------------------
 
     def computeParameterSensitivity(self, level: float = 0.95) -> list[ParameterSensitivity]:
@@ -318,6 +360,18 @@ class ActiveSubspaceReliabilityResult:
             No failure was seen, the estimate is by subset simulation, or it is not positive.
         """
         return sensitivity.computeImportance(self._getFailureSample(level), self._outcome.distribution, level)
+
+    def getImportanceFactors(self) -> ot.PointWithDescription:
+        """Share of each input in what tells failure from the inputs' distribution, see `computeImportance`.
+
+        For a linear limit state of independent inputs these are about the importance factors of FORM.
+
+        Raises
+        ------
+        RuntimeError
+            As `computeImportance`.
+        """
+        return ot.PointWithDescription([(row.input, row.share) for row in self.computeImportance()])
 
     def computeProbability(self, distribution: ot.Distribution, level: float = 0.95) -> ReweightedProbability:
         """The probability if the inputs had another distribution, from the true runs already made.
@@ -433,9 +487,21 @@ class ActiveSubspaceReliabilityResult:
 
     # Graphs. ---------------------------------------------------------------------------------------------------------
 
-    def drawConvergence(self) -> ot.Graph:
+    def drawProbabilityConvergence(self) -> ot.Graph:
         """Estimate and 95 % interval against the number of true runs."""
         return graphs.drawConvergence(self._outcome.history)
+
+    drawConvergence = DeprecatedAlias("drawProbabilityConvergence")
+
+    def drawImportanceFactors(self) -> ot.Graph:
+        """A pie of `getImportanceFactors`; `drawImportance` shows intervals and in which direction inputs fail.
+
+        Raises
+        ------
+        RuntimeError
+            As `computeImportance`.
+        """
+        return ot.SobolIndicesAlgorithm.DrawImportanceFactors(self.getImportanceFactors(), "Importance factors")
 
     def drawLimitState(self) -> ot.Graph:
         """Limit state of the surrogate in the first two active directions, with the true runs on it."""

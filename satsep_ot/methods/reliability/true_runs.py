@@ -12,13 +12,14 @@ import openturns as ot
 from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.storage import writeWhole
+from satsep_ot.openturns_object import OpenTURNSObject
 
 _FORMAT = "TrueRuns 1"
 _ARRAYS = ("inputs", "outputs", "failed", "phases", "weights", "expected")
 
 
-@dataclasses.dataclass(frozen=True)
-class TrueRuns:
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class TrueRuns(OpenTURNSObject):
     """True runs, in the order in which they were made.
 
     The probability of failure is ``surrogateProbability`` plus the mean of ``weights * (failed - expected)`` over the
@@ -68,10 +69,14 @@ class TrueRuns:
     def __len__(self) -> int:
         return len(self.inputs)
 
-    def __repr__(self) -> str:
-        phases = dict(zip(*np.unique(self.phases, return_counts=True), strict=True))
-        counts = ", ".join(f"{name}: {count}" for name, count in phases.items())
-        return f"TrueRuns(size={len(self)}, inputs={len(self.inputNames)}, outputs={self.outputNames}, phases={counts})"
+    def _shown(self):
+        phases = zip(*np.unique(self.phases, return_counts=True), strict=True)
+        return {
+            "size": len(self),
+            "inputs": len(self.inputNames),
+            "outputs": self.outputNames,
+            "phases": ", ".join(f"{name}: {count}" for name, count in phases),
+        }
 
     @staticmethod
     def ofSample(
