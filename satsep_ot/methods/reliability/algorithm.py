@@ -7,7 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import openturns as ot
+from numpy.typing import ArrayLike
 
 from satsep_ot.methods.common.single_thread import singleThread
 from satsep_ot.methods.reliability.limit_state import NON_FINITE_POLICIES, checkedKind
@@ -190,6 +192,27 @@ class ActiveSubspaceReliability(OpenTURNSObject):
             raise ValueError(f"the policy for non-finite outputs is {policy!r}; give one of {NON_FINITE_POLICIES}")
         self._settings.nonFinitePolicy = policy
 
+    def setKnownRuns(self, inputSample: ArrayLike, outputSample: ArrayLike, drawn: bool = False) -> None:
+        """Begin with runs that are there already; they are learnt from, and count as no evaluations.
+
+        Parameters
+        ----------
+        inputSample : array (n, d)
+            Physical inputs, from anywhere in the range of the event's distribution. n may be 0, which is the default.
+        outputSample : array (n, p)
+            What the event's function, or that of `setComponents`, gave.
+        drawn : bool
+            Whether the inputs are independent draws of the event's distribution, and all that were made, whatever they
+            gave. Only then they are a part of the estimate: failures among them of their share, and where no run fails
+            they bound the probability.
+        """
+        inputs, outputs = (np.array(sample, dtype=float) for sample in (inputSample, outputSample))
+        if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
+            raise ValueError(
+                f"the known runs have the shapes {inputs.shape} and {outputs.shape}; (n, d) and (n, p) are needed"
+            )
+        self._settings.knownRuns = (ot.Sample(inputs), ot.Sample(outputs), bool(drawn)) if len(inputs) else None
+
     def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called after each block of runs with the percentage of the evaluation limit that is used."""
         _refuseNotCallable("progress", callback)
@@ -244,8 +267,9 @@ class ActiveSubspaceReliability(OpenTURNSObject):
         Raises
         ------
         ValueError
-            The evaluation limit is too small, an output is not finite, the composition is not the event's variable, or
-            the checkpoint file is damaged, or that of another computation or model.
+            The evaluation limit is too small, an output is not finite, the composition is not the event's variable, the
+            known runs are of other inputs or outputs, or the checkpoint file is damaged, or that of another computation
+            or model.
         RuntimeError
             The function failed; the message says in which phase and how many runs are kept (`getRuns`).
         KeyboardInterrupt

@@ -13,7 +13,7 @@ from satsep_ot.methods.reliability.limit_state import Runs
 from satsep_ot.methods.reliability.sensitivity import FailureSample
 
 # Phases whose runs follow the distribution of the inputs itself.
-NOMINAL_PHASES = ("learning", "Monte Carlo")
+NOMINAL_PHASES = ("learning", "Monte Carlo", "known, drawn")
 
 
 class Ending(enum.Enum):

@@ -8,6 +8,9 @@ from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.settings import ReliabilitySettings
 from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 
+# Phases of runs that were there before.
+KNOWN, KNOWN_DRAWN = "known", "known, drawn"
+
 
 class Stopped(Exception):
     """The stop callback asked to end."""
@@ -106,6 +109,26 @@ class RunRecorder:
         runs = self._make(self._generator.standard_normal((size, self._limitState.dimension)), phase)
         self.nominal.append(runs)
         self._serveCallbacks()
+        return runs
+
+    def takeKnown(self, inputs: ot.Sample, outputs: ot.Sample, drawn: bool) -> Runs:
+        """Runs that are there already, which count as no evaluations; drawn from the inputs' distribution, or not.
+
+        Raises
+        ------
+        ValueError
+            They have other inputs or outputs, or an input is outside the range of the distribution.
+        """
+        x, y = np.array(inputs), np.array(outputs)
+        size = self._limitState.function.getOutputDimension()
+        if y.shape[1] != size:
+            raise ValueError(f"the known runs have {y.shape[1]} outputs, the function {size}")
+        self._limitState.space.refuseOutside(x)
+        phase = KNOWN_DRAWN if drawn else KNOWN
+        runs = self._limitState.runsOf(self._limitState.space.toStandard(x), x, y, phase, exploring=True)
+        self.blocks.append(runs)
+        if drawn:
+            self.nominal.append(runs)
         return runs
 
     def takeComplement(self) -> None:

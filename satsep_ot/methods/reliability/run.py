@@ -10,7 +10,7 @@ import openturns as ot
 from satsep_ot.methods.common.intervals import ConfidenceInterval
 from satsep_ot.methods.common.run_log import CheckpointFile, fingerprintOf
 from satsep_ot.methods.reliability.audits import WideDesign
-from satsep_ot.methods.reliability.estimate import CrudeEstimate, Estimate
+from satsep_ot.methods.reliability.estimate import Block, CrudeEstimate, Estimate
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.mode_sampling import ModeSampling
 from satsep_ot.methods.reliability.outcome import Deferred, Ending, ReliabilityOutcome
@@ -88,6 +88,7 @@ class ReliabilityRun:
         self.modeSampling: ModeSampling | None = None
         self.history: list[tuple[float, float, float, float]] = []
         self._looks = 0
+        self.knownRuns: Runs | None = None
 
     def compute(self) -> ReliabilityOutcome:
         """Make the run.
@@ -119,6 +120,8 @@ class ReliabilityRun:
 
     def _computePhases(self):
         recorder, limitState = self.recorder, self.limitState
+        if self.settings.knownRuns is not None:
+            self.knownRuns = recorder.takeKnown(*self.settings.knownRuns)
         wide = self.initialSize // 2 if limitState.dimension <= FEW_INPUTS else 0
         first = recorder.evaluateNominal(self.initialSize - wide, "learning")
         recorder.checkComposition(first)
@@ -160,9 +163,20 @@ class ReliabilityRun:
             if verdict is not Verdict.GOES_ON:
                 return None
             if len(sampling.blocks) > blocks:
+                if blocks == 0:
+                    self._estimateByKnownRuns(sampling.blocks)
                 ending = self._note(Estimate(sampling.blocks), sampling.settle)
                 if ending is not None:
                     return ending
+
+    def _estimateByKnownRuns(self, blocks):
+        """A first block of the runs that were drawn before: plain Monte Carlo, since the surrogate has learnt them."""
+        known = self.knownRuns
+        if known is None or not self.settings.knownRuns[2]:
+            return
+        known.weights[:] = 1.0
+        share = blocks[0].surrogateProbability
+        blocks.insert(0, Block(known, 0, blocks[0].known, share * (1.0 - share)))
 
     def _sampleModes(self, constant: bool) -> ReliabilityOutcome:
         """Importance sampling around failure modes, in which the estimate starts anew."""
@@ -270,7 +284,8 @@ class ReliabilityRun:
             diagnostics["modes"] = float(len(modes.modes))
         else:
             diagnostics["calibration"] = sampling.observedCalibration
-        nominal = sum(map(len, self.recorder.nominal)) + int(NOMINAL_SHARE * estimate.size)
+        proposed = sum(block.size for block in sampling.blocks if block.runs is not self.knownRuns)
+        nominal = sum(map(len, self.recorder.nominal)) + int(NOMINAL_SHARE * proposed)
         if estimate.failures == 0:
             # The surrogate alone says where failures would be, and true runs have found none there.
             interval = ConfidenceInterval(failures=0, runs=nominal)

@@ -16,7 +16,7 @@ from satsep_ot.methods.reliability.estimate import Block, Estimate
 from satsep_ot.methods.reliability.limit_search import LimitSearch, isPlane
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.proposal import Proposal, propose
-from satsep_ot.methods.reliability.recorder import RunRecorder
+from satsep_ot.methods.reliability.recorder import KNOWN, KNOWN_DRAWN, RunRecorder
 from satsep_ot.methods.reliability.surrogate import FEW_INPUTS, LimitStateSurrogate
 
 # Models are chosen anew when the runs have grown by this share.
@@ -306,7 +306,7 @@ class SurrogateSampling:
         proves nothing.
         """
         runs = self._recorder.runs()
-        rows = np.flatnonzero(runs.failed & (runs.phases == "estimation"))
+        rows = np.flatnonzero(runs.failed & np.isin(runs.phases, ("estimation", KNOWN, KNOWN_DRAWN)))
         self._noteHits(rows[self._failure(runs.u[rows]) < _SMALLEST_EXPECTED_PROPOSED])
         seen: list[np.ndarray] = []
         for u in sorted(self._hits, key=lambda hit: float(hit @ hit)):
