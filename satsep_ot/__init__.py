@@ -17,6 +17,8 @@ _HOMES = {
     "ActiveSubspaceReliability": "methods.reliability.algorithm",
     "ActiveSubspaceReliabilityResult": "methods.reliability.result",
     "CaseError": "model.case",
+    "ConditionalReliability": "methods.reliability.conditional",
+    "ConditionalReliabilityResult": "methods.reliability.conditional",
     "MonteCarloStream": "methods.parallel.monte_carlo_stream",
     "MultivariatePolynomialRegression": "methods.polynomials.regression",
     "MultivariatePolynomialRegressionResult": "methods.polynomials.regression_result",

@@ -61,6 +61,12 @@ def reliability(function=FORMULA):
     return satsep_ot.ActiveSubspaceReliability(event(function))
 
 
+def conditional():
+    law = ot.JointDistribution([ot.Bernoulli(0.2), ot.Normal()])
+    vector = ot.CompositeRandomVector(FORMULA, ot.RandomVector(law))
+    return satsep_ot.ConditionalReliability(ot.ThresholdEvent(vector, ot.Greater(), 3.0))
+
+
 def comparison():
     return satsep_ot.ReliabilityComparison(event(), ["FORM"])
 
@@ -103,6 +109,8 @@ OBJECTS = {
         "of a Python model": lambda: done(reliability(Model())).getResult(),
     },
     "ActiveSubspaceResult": {"new": lambda: done(subspace()).getResult()},
+    "ConditionalReliability": {"new": conditional, "done": lambda: done(conditional())},
+    "ConditionalReliabilityResult": {"new": lambda: done(conditional()).getResult()},
     "MonteCarloStream": {"new": stream, "done": lambda: done(stream())},
     "MonteCarloStreamResult": {"new": lambda: done(stream()).getResult()},
     "MultivariatePolynomialRegression": {"new": regression, "done": lambda: done(regression())},

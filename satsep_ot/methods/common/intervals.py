@@ -101,9 +101,8 @@ class ConfidenceInterval:
         >>> print(ConfidenceInterval(failures=3, runs=1000).distribution().computeBilateralConfidenceInterval(0.95))
         [0.0006191, 0.00874202]
         """
-        halves = [self.bounds(1.0 - 2.0 * probability) for probability in _LOWER_PROBABILITIES]
-        quantiles = np.array([lower for lower, _ in halves] + [upper for _, upper in halves[-2::-1]])
-        masses = np.diff(np.concatenate([_LOWER_PROBABILITIES, 1.0 - _LOWER_PROBABILITIES[-2::-1]]))
+        probabilities, quantiles = self._knots()
+        masses = np.diff(probabilities)
         # Nothing lies beyond the outermost knots.
         masses[[0, -1]] += _LOWER_PROBABILITIES[0]
         widths = np.diff(quantiles)
@@ -117,6 +116,24 @@ class ConfidenceInterval:
             parts.append(ot.Dirac(float(value)))
             weights.append(float(masses[(widths <= 0.0) & (quantiles[:-1] == value)].sum()))
         return ot.Mixture(parts, weights) if len(parts) > 1 else parts[0]
+
+    def quantiles(self, probabilities: np.ndarray) -> np.ndarray:
+        """Quantiles (n,) of `distribution`.
+
+        Examples
+        --------
+        >>> from satsep_ot.methods.common.intervals import ConfidenceInterval
+        >>> interval = ConfidenceInterval(failures=0, runs=100)
+        >>> [round(float(value), 4) for value in interval.quantiles([0.3, 0.975])], round(interval.bounds(0.95)[1], 4)
+        ([0.0, 0.0295], 0.0295)
+        """
+        return np.interp(probabilities, *self._knots())
+
+    def _knots(self):
+        """Probabilities and the quantiles there."""
+        halves = [self.bounds(1.0 - 2.0 * probability) for probability in _LOWER_PROBABILITIES]
+        quantiles = np.array([lower for lower, _ in halves] + [upper for _, upper in halves[-2::-1]])
+        return np.concatenate([_LOWER_PROBABILITIES, 1.0 - _LOWER_PROBABILITIES[-2::-1]]), quantiles
 
     def _bounds(self, level):
         if self.runs:

@@ -95,7 +95,7 @@ class StandardSpace:
         ]
         raise ValueError(
             f"The standard space needs continuous inputs, but {', '.join(atoms) or 'the distribution'} has atoms: "
-            "no smooth map to a normal exists; condition on its values instead."
+            "no smooth map to a normal exists; condition on its values, as ConditionalReliability does."
         )
 
     def _refuseOtherStandardSpaces(self):

@@ -6,6 +6,7 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import openturns as ot
@@ -259,6 +260,34 @@ class ActiveSubspaceReliability(OpenTURNSObject):
         if self._runs is None:
             raise RuntimeError("there are no true runs: run() was not called, or ended before its first block")
         return self._runs
+
+    def conditioned(
+        self, event: Any, fixed: dict[int, float], maximumEvaluations: int, number: int
+    ) -> "ActiveSubspaceReliability":
+        """The same for a part of the event, with values of some inputs; made by `ConditionalReliability`.
+
+        Parameters
+        ----------
+        event : event
+            Of the other inputs.
+        fixed : dict of int to float
+        maximumEvaluations, number : int
+            Of this part.
+        """
+        settings = self._settings
+        if settings.knownRuns is not None:
+            raise ValueError("known runs cannot be given where inputs have atoms")
+        algorithm = ActiveSubspaceReliability(event)
+        function, file = settings.function, settings.checkpointFile
+        if function is not None and fixed:
+            function = ot.ParametricFunction(function, list(fixed), list(fixed.values()))
+        algorithm._settings = dataclasses.replace(
+            settings,
+            function=function,
+            maximumEvaluations=maximumEvaluations,
+            checkpointFile=None if file is None else file.with_name(f"{file.name}.{number + 1}"),
+        )
+        return algorithm
 
     @singleThread()
     def run(self) -> None:

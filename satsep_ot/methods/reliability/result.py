@@ -122,6 +122,10 @@ class ActiveSubspaceReliabilityResult(OpenTURNSObject):
             raise ValueError(f"the confidence level is {level}; it must lie between 0 and 1")
         return ot.Interval(*self._outcome.interval.bounds(level))
 
+    def getInterval(self) -> ConfidenceInterval:
+        """What `getConfidenceInterval` follows from, at all levels."""
+        return self._outcome.interval
+
     def getReliabilityIndex(self) -> float:
         """Generalised reliability index ``-Phi^-1(p)``; infinite when the estimate is 0 or 1."""
         if self._outcome.probability <= 0.0 or self._outcome.probability >= 1.0:
