@@ -544,6 +544,44 @@ def fromXML(text: str, thing: Any) -> Any:
     return thing
 
 
+def domainMembers(domain: ot.Domain) -> list[Any]:
+    """The domains that a union, intersection, difference or complement is made of, in their order.
+
+    Raises
+    ------
+    TypeError
+        One of them cannot be stored, such as a level set of a Python function that holds a lock.
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.openturns_adapter import domainMembers
+    >>> union = ot.DomainUnion([ot.Interval(0.0, 1.0), ot.DomainComplement(ot.Interval(3.0, 9.0))])
+    >>> [member.getClassName() for member in domainMembers(union)]
+    ['Interval', 'DomainComplement']
+    """
+    # They have no accessor. Remove when they have.
+    try:
+        tree = ElementTree.fromstring(toXML(domain))
+    except RuntimeError as error:
+        raise TypeError(f"the members of the {domain.getClassName()} cannot be read: {errorMessage(error)}") from error
+    objects = {element.get("id"): element for element in tree.iter("object") if element.get("class")}
+    whole = next(element for element in objects.values() if element.get("StudyLabel") == "object")
+    members = [objects[child.get("id")] for child in whole]
+    if "Collection" in members[0].get("class", ""):
+        members = [objects[child.get("id")] for child in members[0]]
+    for number, member in enumerate(members):
+        member.set("StudyLabel", f"member {number}")
+        member.set("StudyVisible", "true")
+    with _study() as (path, study):
+        path.write_bytes(ElementTree.tostring(tree, encoding="utf-8", xml_declaration=True))
+        study.load()
+        found = [getattr(ot, member.get("class", ""))() for member in members]
+        for number, thing in enumerate(found):
+            study.fillObject(f"member {number}", thing)
+    return found
+
+
 @contextlib.contextmanager
 def _study() -> Iterator[tuple[Path, ot.Study]]:
     # A study reads and writes files only. Remove when it takes text or a stream.

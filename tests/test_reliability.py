@@ -694,7 +694,7 @@ def test_events_and_components_that_cannot_be_treated_are_refused_with_the_reaso
     with pytest.raises(ValueError, match="no finite bound"):
         LimitStateEvent(ot.DomainEvent(vector, everywhere))
     mesh = ot.IntervalMesher([2, 2]).build(ot.Interval(2))
-    with pytest.raises(TypeError, match="has no limit state function; give an Interval or a LevelSet"):
+    with pytest.raises(TypeError, match="has no limit state function; give an Interval or a LevelSet, or a union"):
         LimitStateEvent(ot.DomainEvent(vector, ot.MeshDomain(mesh)))
     two = ot.SymbolicFunction(["a", "b"], ["a", "b"])
     total = ot.SymbolicFunction(["p", "q"], ["p + q"])

@@ -11,7 +11,7 @@ import openturns as ot
 from satsep_ot.methods.common.margins import thresholdMargin
 from satsep_ot.methods.common.run_log import RunLog
 from satsep_ot.methods.common.standard_space import StandardSpace, nameInputs
-from satsep_ot.openturns_adapter import callFunction, eventKind, hasGradient, raiseInterrupt
+from satsep_ot.openturns_adapter import callFunction, domainMembers, eventKind, hasGradient, raiseInterrupt
 
 NON_FINITE_POLICIES = ("raise", "failure", "safe")
 
@@ -71,16 +71,7 @@ class Limit:
         if kind == "ThresholdEvent":
             compare = thresholdMargin(event.getOperator(), event.getThreshold())
             return Limit(vector, event.getFunction(), lambda outputs: compare(outputs[:, 0]))
-        domain = event.getDomain().getImplementation()
-        if isinstance(domain, ot.Interval):
-            return Limit(vector, event.getFunction(), _intervalMargin(domain))
-        if isinstance(domain, ot.LevelSet):
-            compare = thresholdMargin(domain.getOperator(), domain.getLevel())
-            level = domain.getFunction()
-            return Limit(vector, event.getFunction(), lambda outputs: compare(callFunction(level, outputs)[:, 0]))
-        raise TypeError(
-            f"a DomainEvent on a {type(domain).__name__} has no limit state function; give an Interval or a LevelSet"
-        )
+        return Limit(vector, event.getFunction(), _domainMargin(event.getDomain().getImplementation()))
 
 
 def checkedKind(event: Any) -> str:
@@ -109,6 +100,38 @@ def checkedKind(event: Any) -> str:
     return kind
 
 
+def _domainMargin(domain: Any) -> Callable:
+    """Limit state of a domain, at most 0 inside, of points (n, p)."""
+    if isinstance(domain, ot.Interval):
+        return _intervalMargin(domain)
+    if isinstance(domain, ot.LevelSet):
+        compare = thresholdMargin(domain.getOperator(), domain.getLevel())
+        level = domain.getFunction()
+        return lambda outputs: compare(callFunction(level, outputs)[:, 0])
+    if type(domain) not in _COMPOSITIONS:
+        raise TypeError(
+            f"a DomainEvent on a {type(domain).__name__} has no limit state function; give an Interval or a LevelSet, "
+            "or a union, intersection, difference or complement of these"
+        )
+    combine = _COMPOSITIONS[type(domain)]
+    parts = [_domainMargin(member) for member in domainMembers(domain)]
+    return lambda outputs: combine(*(part(outputs) for part in parts))
+
+
+def _outside(margin):
+    # A limit belongs to the domain, and so not to its complement.
+    return np.where(margin == 0.0, np.finfo(float).tiny, -margin)
+
+
+# Limit states of what is made of other domains, from theirs.
+_COMPOSITIONS: dict[type, Callable] = {
+    ot.DomainUnion: lambda *margins: np.min(margins, axis=0),
+    ot.DomainIntersection: lambda *margins: np.max(margins, axis=0),
+    ot.DomainComplement: _outside,
+    ot.DomainDifference: lambda left, right: np.maximum(left, _outside(right)),
+}
+
+
 def _intervalMargin(domain: ot.Interval) -> Callable:
     bounds = [
         (j, sign, bound)
@@ -130,7 +153,7 @@ class LimitStateEvent:
     Parameters
     ----------
     event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
-        A domain is an Interval or a LevelSet.
+        A domain is an Interval, a LevelSet, or a union, intersection, difference or complement of these.
     function, composition : :py:class:`openturns.Function`, optional
         One true run is one evaluation of ``function``; ``composition`` of its outputs is the variable that a
         ThresholdEvent compares with its threshold.

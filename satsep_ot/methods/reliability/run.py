@@ -358,6 +358,11 @@ class ReliabilityRun:
             estimate.mark(runs)
         if limitState.unknownNumber:
             remarks += (f"{limitState.unknownNumber} runs far from where inputs are likely gave no value",)
+        if len(np.unique(runs.margins[runs.finite])) == 2:
+            remarks += (
+                "the event's variable takes only two values, which say of no run how near the limit is: a margin, or "
+                "components (setComponents), would need fewer runs",
+            )
         sentence = ending.value.format(
             target=settings.targetCoefficientOfVariation,
             maximum=settings.maximumEvaluations,
