@@ -3,7 +3,7 @@
     python docs/make_architecture.py
 
 Folders, modules and arrows are read from the sources. An import that others imply (A -> B -> C implies A -> C) has no
-arrow of its own.
+arrow of its own. An arrow that starts at the frame around the methods stands for all that leave it for that box.
 """
 
 import ast
@@ -128,8 +128,16 @@ def drawn_box(name):
     return parts
 
 
+def frame():
+    """The left, the top, the width and the height of the frame around the methods."""
+    left, top, *_ = rectangle("methods.comparison")
+    return left - 20, top - PANEL, 550, bottom("methods.common") - top + PANEL + 16
+
+
 def drawn_arrow(start, end):
-    (x0, y0, w0, h0), (x1, y1, w1, h1) = rectangle(start), rectangle(end)
+    # What leaves the methods starts at their frame: it would cross their boxes.
+    leaves = start.startswith("methods.") and not end.startswith("methods.")
+    (x0, y0, w0, h0), (x1, y1, w1, h1) = frame() if leaves else rectangle(start), rectangle(end)
     if y1 >= y0 + h0:
         # Straight down, where one is above the other; else from middle to middle.
         low, high = max(x0, x1), min(x0 + w0, x1 + w1)
@@ -145,8 +153,7 @@ def drawn_arrow(start, end):
 def picture():
     """The text of the picture."""
     width, height = 1000, max(map(bottom, BOXES)) + 16
-    left, top, *_ = rectangle("methods.comparison")
-    x, y, w, h = left - 20, top - PANEL, 550, bottom("methods.common") - top + PANEL + 16
+    x, y, w, h = frame()
     parts = [
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}">',
         f"<style>{STYLE}</style>",
@@ -157,10 +164,10 @@ def picture():
     ]
     right, wide = rectangle("methods.parallel")[::2]
     for i, line in enumerate(textwrap.wrap(METHODS, int(wide / CHARACTER))):
-        parts.append(f'<text x="{right}" y="{top + 19 + LINE * i}">{line}</text>')
+        parts.append(f'<text x="{right}" y="{y + PANEL + 19 + LINE * i}">{line}</text>')
     for name in BOXES:
         parts += drawn_box(name)
-    parts += [drawn_arrow(start, end) for start, end in arrows()]
+    parts += sorted({drawn_arrow(start, end) for start, end in arrows()})
     return "\n".join([*parts, "</svg>"]) + "\n"
 
 
