@@ -613,12 +613,12 @@ def test_bad_degrees_and_folds_are_named():
     regression = MultivariatePolynomialRegression(np.zeros((30, 1)), np.zeros((30, 1)), ot.Normal(1))
     for highest in (-1, 11, 1.5):
         with pytest.raises(
-            ValueError, match=f"The highest degree is {highest}; it must be a whole number from 0 to 10"
+            ValueError, match=f"The highest degree must be a whole number from 0 to 10, got {highest}"
         ):
             regression.selectDegree(highest)
     for folds in (1, 2.5):
         with pytest.raises(
-            ValueError, match=f"The number of folds is {folds}; it must be a whole number of at least 2"
+            ValueError, match=f"The number of folds must be a whole number of at least 2, got {folds}"
         ):
             regression.selectDegree(4, folds)
 
@@ -656,13 +656,13 @@ def test_sobol_indices_and_the_native_chaos_result_are_those_of_openturns():
             for name in ("getSobolIndex", "getSobolTotalIndex", "getSobolGroupedIndex", "getSobolGroupedTotalIndex"):
                 expected = getattr(reference, name)(np.atleast_1d(group).tolist(), output)
                 assert getattr(result, name)(group, output) == pytest.approx(expected, abs=1e-12), name
-    with pytest.raises(ValueError, match=r"The inputs are \[4\]; give different ones of 0 to 3"):
+    with pytest.raises(ValueError, match=r"The inputs must be different ones of 0 to 3, got \[4\]"):
         result.getSobolIndex(4)
-    with pytest.raises(ValueError, match=r"The inputs are \[1, 1\]; give different ones"):
+    with pytest.raises(ValueError, match=r"must be different ones of 0 to 3, got \[1, 1\]"):
         result.getSobolGroupedIndex([1, 1])
-    with pytest.raises(ValueError, match=r"The inputs are \[\]; give different ones"):
+    with pytest.raises(ValueError, match=r"must be different ones of 0 to 3, got \[\]"):
         result.getSobolGroupedIndex([])
-    with pytest.raises(ValueError, match="The output is 2; it must be 0 to 1"):
+    with pytest.raises(ValueError, match="The output must be 0 to 1, got 2"):
         result.getSobolTotalIndex(0, 2)
 
 

@@ -151,9 +151,9 @@ class MultivariatePolynomialRegression(OpenTURNSObject):
             The highest degree or the number of folds is not allowed, or there are too few points.
         """
         if int(highest) != highest or not 0 <= highest <= HIGHEST_DEGREE:
-            raise ValueError(f"The highest degree is {highest}; it must be a whole number from 0 to {HIGHEST_DEGREE}.")
+            raise ValueError(f"The highest degree must be a whole number from 0 to {HIGHEST_DEGREE}, got {highest}.")
         if int(folds) != folds or folds < 2:
-            raise ValueError(f"The number of folds is {folds}; it must be a whole number of at least 2.")
+            raise ValueError(f"The number of folds must be a whole number of at least 2, got {folds}.")
         blocks = shuffled_folds(len(self._points), folds)
         units = output_units(self._values)
         spread = (self._values / units).var(axis=0)

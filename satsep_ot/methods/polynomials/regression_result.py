@@ -376,7 +376,7 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
 
     def _share(self, selected, output):
         if output not in range(self._values.shape[1]):
-            raise ValueError(f"The output is {output}; it must be 0 to {self._values.shape[1] - 1}.")
+            raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
         squares = self._moments[0][:, output] * self._active().any(axis=1)
         total = squares.sum()
         if not total > 0.0:
@@ -419,7 +419,7 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
         given = np.atleast_1d(variables)
         numbers = {int(variable) for variable in given if variable in range(d)}
         if not len(given) or len(numbers) < len(given):
-            raise ValueError(f"The inputs are {given.tolist()}; give different ones of 0 to {d - 1}.")
+            raise ValueError(f"The inputs must be different ones of 0 to {d - 1}, got {given.tolist()}.")
         group[list(numbers)] = True
         return group
 
