@@ -2,6 +2,9 @@
 
 from importlib import metadata
 
+from docutils import nodes
+from latex2mathml.converter import convert
+
 project = "satsep-ot"
 author = "the satsep-ot developers"
 copyright = author
@@ -10,7 +13,6 @@ release = version = metadata.version("satsep-ot")
 extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
-    "sphinx.ext.mathjax",
     "numpydoc",
     "myst_parser",
     "sphinx_gallery.gen_gallery",
@@ -37,14 +39,25 @@ sphinx_gallery_conf = {
     "reset_modules": ("matplotlib",),
 }
 
-html_theme = "alabaster"
-html_theme_options = {
-    "description": "Reliability of small satellite separation with OpenTURNS",
-    # A window that is narrower has the navigation above each page.
-    "page_width": "1040px",
-    "font_family": "system-ui, 'Liberation Sans', Arial, sans-serif",
-    "sidebar_width": "220px",
-    "fixed_sidebar": True,
-    "show_powered_by": False,
-}
+# A table of contents in each page, light and dark, and nothing from the network.
+html_theme = "furo"
+html_title = f"satsep-ot {release}"
 html_static_path = ["_static"]
+html_math_renderer = "mathml"
+
+
+def visit_math(translator, node):
+    """An equation in a line, as MathML, which browsers draw without a script."""
+    translator.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def visit_displayed_math(translator, node):
+    """An equation of its own."""
+    translator.body.append(f'<div class="math">{convert(node.astext(), display="block")}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app):
+    """Draw equations as MathML."""
+    app.add_html_math_renderer("mathml", (visit_math, None), (visit_displayed_math, None))

@@ -24,8 +24,8 @@ class Requirement:
     allowed_probability : float, optional
         Largest probability of violation that is accepted.
     center : float, optional
-        Where given, the limit is on the distance |quantity - center|: 0 for a limit on the absolute value, the middle
-        of a range for a two-sided one.
+        Where given, the limit is on the distance ``|quantity - center|``: 0 for a limit on the absolute value, the
+        middle of a range for a two-sided one.
 
     Examples
     --------
