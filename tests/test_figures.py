@@ -85,7 +85,6 @@ def every_figure(subspace):
             lambda ax: figures.draw_density(ax=ax, label="clearance", **below),
         ),
         figures.draw_probabilities(ROWS, title="spin <= 1 deg/s").figure,
-        figures.draw_answer(2e-4, 1e-4, 4e-4, allowed=1e-3).figure,
         figures.draw_shares({"mass": 0.7, "stroke": 0.2, "cant": 0.1}, title="spin").figure,
         motion_figure(symmetric_separation()),
         motion_figure(general_separation(ForceLine.STRUT)),

@@ -34,6 +34,7 @@ from satsep_ot.openturns_object import OpenTURNSObject
 from satsep_ot.studies import drivers
 from satsep_ot.studies.deprecated_accessors import DeprecatedAccessors
 from satsep_ot.studies.drivers import Violation
+from satsep_ot.studies.exceedance import exceedance_curves
 from satsep_ot.studies.failure_mixture import failure_mixtures
 from satsep_ot.studies.fleet import fleet_estimate
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
@@ -55,8 +56,10 @@ from satsep_ot.studies.telling.results import (
     Diagnostics,
     DriverMeasure,
     Estimate,
+    Exceedance,
     FigureFile,
     HalvedTolerance,
+    InputEntry,
     MostLikelyViolation,
     QuantityValues,
     RequirementEntry,
@@ -112,7 +115,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         At which ActiveSubspace ends, from 0.01 to 0.5. Its runs grow with 1 / square of it, and so does their limit,
         which is 5,000 at 0.05 and above. By default it asks whether a requirement is met: it ends as soon as that is
         decided and the coefficient of variation at most 0.05, which advice on tolerances needs (0.1 without), and goes
-        on until it is decided or 5,000 runs are spent.
+        on until it is decided, or 5,000 runs are spent or would not decide it.
     screening : bool
         Whether a requirement that the sample shows to be met by a factor of ten is left at that: no other method runs
         on it, no tolerance of it is halved.
@@ -177,6 +180,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._executor: Executor | Callable[[], Executor] | None = None
         self._mixedProcessors = False
         self._sample: np.ndarray | None = None
+        self._exceedances: dict[str, Exceedance] = {}
         self._summary: SampleSummary | None = None
         self._components: dict[str, Component] = {}
         self._complete = False
@@ -394,6 +398,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             else:
                 folder = self._directory.folder("runs")
             path = folder / "sample.npy"
+            self._exceedances = {}
             self._summary = self._step(["sample"], SampleSummary, lambda: self._runSample(path))
             if self._directory is not None:
                 self._directory.file("steps", ["sample"], ".checkpoint").unlink(missing_ok=True)
@@ -641,6 +646,15 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         nominal = self._quantities([row.reference for row in case.inputs])
         none = [None] * len(table)
         means, deviations = (none, none) if self._summary is None else (self._summary.mean, self._summary.deviation)
+        quantities = {
+            name: QuantityValues.of(quantity, nominal[name], mean, deviation)
+            for (name, quantity), mean, deviation in zip(table.items(), means, deviations, strict=True)
+        }
+        requirements = tuple(
+            RequirementEntry.of(entry, table[entry.quantity].unit) for entry in self._problem.getRequirements()
+        )
+        if self._sample is not None and not self._exceedances:
+            self._exceedances = exceedance_curves(self._sample, quantities, requirements)
         return StudyResult(
             case=case.name,
             description=case.description,
@@ -657,13 +671,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
                 self._screening,
             ),
             rows=tuple(self._rows),
-            requirements=tuple(
-                RequirementEntry.of(entry, table[entry.quantity].unit) for entry in self._problem.getRequirements()
-            ),
-            quantities={
-                name: QuantityValues.of(quantity, nominal[name], mean, deviation)
-                for (name, quantity), mean, deviation in zip(table.items(), means, deviations, strict=True)
-            },
+            requirements=requirements,
+            quantities=quantities,
             tolerances={name: Tolerance.of(rows) for name, rows in drivers.tolerances(case).items()},
             drivers={name: shares for name, (_, shares) in self._shares.items()},
             driver_measures={name: measure for name, (measure, _) in self._shares.items()},
@@ -684,6 +693,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             processors=() if self._summary is None else self._summary.processors,
             sunk=None if self._summary is None else self._summary.sunk,
             touched=None if self._summary is None else self._summary.touched,
+            inputs=tuple(InputEntry.of(row, case.text) for row in case.inputs),
+            force_tables=dict(case.files),
+            exceedances=dict(self._exceedances),
         )
 
     def _quantities(self, inputs):

@@ -32,6 +32,8 @@ from satsep_ot.studies.telling.words import StudyMethod
 VERDICT_PRECISION, ADVICE_PRECISION = 0.1, 0.05
 # Runs of ActiveSubspace for a requirement, at a precision of 5 % and above.
 _BUDGET = 5000
+# They are spent on an undecided requirement where it is expected to take at most so many times what is left of them.
+_HOPEFUL = 2.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -141,10 +143,13 @@ class StudySteps:
                 verdictCoefficientOfVariation=ADVICE_PRECISION if self.advises else VERDICT_PRECISION,
             ),
         )
-        left = _BUDGET - first.value.evaluations
         if allowed is None or judge(requirement, [first.value], allowed).status is not Status.UNDECIDED:
             return first
-        precision = deciding_precision(first.value, allowed)
+        left, precision = _BUDGET - first.value.evaluations, deciding_precision(first.value, allowed)
+        needed = first.value.evaluations * (first.value.coefficient_of_variation / precision) ** 2
+        if needed > _HOPEFUL * left:
+            # Runs that would most likely leave it open are for the user to ask for.
+            return first
         second = self._run_active_subspace(requirement, ActiveSubspace(precision, left, allowedProbability=allowed))
         return _sharper(first, second)
 

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from satsep_ot.dynamics.quantities import QUANTITIES
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.studies.telling import figures
 from satsep_ot.studies.telling.advice import tightening_advice
@@ -21,11 +20,14 @@ from satsep_ot.studies.telling.results import (
     HalvedTolerance,
     Section,
     StudyResult,
+    main_quantities,
 )
-from satsep_ot.studies.telling.verdicts import Gain, best_estimate, judge_all
+from satsep_ot.studies.telling.verdicts import Gain, best_estimate
 
 # A quantity that varies by less than this part of its size has no density to draw.
 _SMALLEST_SPREAD = 1e-9
+# [deg/s]; a nominal run that turns by less has no rates to draw.
+_SMALLEST_RATE = 1e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,33 +84,27 @@ def study_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
     panels : iterator of Panel
     """
     yield from _motion_panels(runs.separation)
-    yield from _answer_panels(result)
     yield from _driver_panels(result)
     yield from _tightened_panels(result)
     if runs.sample is not None:
         yield from _density_panels(result, runs.sample, runs.surrogate_sample)
+    yield from _exceedance_panels(result)
     yield from _component_panels(result, runs.components)
     for name, rows in result.rows_by_requirement().items():
+        if len(rows) < 2:
+            # One method compares with nothing.
+            continue
         ax = figures.draw_probabilities([_bar(row, row.method) for row in rows], title=name)
         yield Panel.of(Section.METHODS, name, f"probability of violating {name} by each method", ax)
 
 
 def _motion_panels(separation):
     motion = compute_motion(separation)
-    for name, draw in (
-        ("velocity", figures.draw_separation_velocity),
-        ("rates", figures.draw_rates),
-        ("strokes", figures.draw_strokes),
-    ):
+    drawn = [("velocity", figures.draw_separation_velocity), ("strokes", figures.draw_strokes)]
+    if np.abs(motion.rates).max() > _SMALLEST_RATE:
+        drawn.insert(1, ("rates", figures.draw_rates))
+    for name, draw in drawn:
         yield Panel.of(Section.SEPARATION, name, f"{name} of the nominal run over time", draw(motion))
-
-
-def _answer_panels(result):
-    for entry, verdict in zip(result.requirements, judge_all(result), strict=True):
-        interval = None if verdict.row is None else verdict.row.interval
-        if interval is not None:
-            ax = figures.draw_answer(*interval, allowed=entry.allowed_probability)
-            yield Panel.of(Section.ANSWER, entry.name, verdict.sentence, ax)
 
 
 def _driver_panels(result):
@@ -154,16 +150,41 @@ def _density_panels(result, sample, surrogate_sample):
         )
     for name, values in columns.items():
         varies = np.ptp(values) > _SMALLEST_SPREAD * np.abs(values).max()
-        is_main = name not in QUANTITIES or QUANTITIES[name].is_main
-        if name not in drawn and is_main and not result.quantities[name].part_of and varies:
+        if name not in drawn and name in main_quantities(result.quantities) and varies:
             yield panel(name, name)
 
 
+def _exceedance_panels(result: StudyResult) -> Iterator[Panel]:
+    """The probability of each quantity to lie beyond a limit, against the limit."""
+    for name, curve in result.exceedances.items():
+        entries = [
+            entry
+            for entry in result.requirements
+            if entry.quantity == name and entry.center is None and entry.is_maximum == curve.is_maximum
+        ]
+        ax = figures.draw_exceedance(
+            curve,
+            label=name,
+            unit=result.quantities[name].unit,
+            limits=[entry.limit for entry in entries],
+            allowed=entries[0].allowed_probability if len(entries) == 1 else None,
+        )
+        side = "above" if curve.is_maximum else "below"
+        yield Panel.of(Section.EXCEEDANCES, name, f"probability of {name} {side} a limit, against the limit", ax)
+
+
 def _component_panels(result: StudyResult, components: dict[str, Component]) -> Iterator[Panel]:
+    if components:
+        ax = figures.draw_spectra({name: part.subspace for name, part in components.items()})
+        yield Panel.of(Section.EIGENVALUES, "eigenvalues", "eigenvalues of all components over the largest ones", ax)
+    shown = set()
     for name, part in components.items():
+        whole = result.quantities[name].part_of
+        if whole in shown:
+            # The parts of a quantity look alike: one stands for all.
+            continue
+        shown.update({whole} - {""})
         unit = result.quantities[name].unit
-        ax = figures.draw_eigenvalues(part.subspace, label=name, unit=unit)
-        yield Panel.of(Section.EIGENVALUES, name, f"eigenvalues of {name}", ax)
         ax = figures.draw_sufficient_summary(part.active, part.values, part.regression, label=name, unit=unit)
         yield Panel.of(Section.SUMMARIES, name, f"{name} against its active variable, with the regression", ax)
 

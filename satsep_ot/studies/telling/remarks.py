@@ -174,7 +174,6 @@ def limits(result: StudyResult) -> list[str]:
             f"The Monte Carlo sample was made by processors or versions of {len(result.processors)} kinds, which round "
             f"differently: its last digits are those of none of them alone ({'; '.join(result.processors)})."
         )
-    sentences += audit_remarks(result)
     if StudyMethod.ACTIVE_SUBSPACE in methods:
         sentences.append(
             "How often the 95 % interval of ActiveSubspace holds the truth was measured on the reference case of the "
@@ -208,10 +207,15 @@ def audit_remarks(result: StudyResult) -> list[str]:
         f"{100.0 * _ESCAPE:g} %, a larger one with less."
     )
     if StudyMethod.MONTE_CARLO in result.sizes.methods:
+        bounds = ", ".join(
+            f"{entry.name} {probability_text(crude.upper95)}"
+            for entry in result.requirements
+            if (crude := estimate_by(StudyMethod.MONTE_CARLO, result.rows_of(entry.name))) is not None
+        )
         text += (
-            " The upper bounds of MonteCarlo include any such region, since it needs no surrogate: its "
-            f"{result.sizes.sample:,} runs reach, with 95 % confidence, every failure region of a probability above "
-            f"{probability_text(3.0 / result.sizes.sample)}."
+            f" MonteCarlo needs no surrogate: its {result.sizes.sample:,} runs reach, with 95 % confidence, every "
+            f"failure region of a probability above {probability_text(3.0 / result.sizes.sample)}, and bound the "
+            f"probabilities by {bounds}."
         )
     return [text]
 

@@ -1,9 +1,12 @@
 """One page that says what a study found: self-contained, from the files that the study wrote."""
 
 import base64
+import dataclasses
 import json
+import math
 import os
 import re
+from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,14 +20,18 @@ from satsep_ot.model.case import SYSTEM
 from satsep_ot.studies.telling.advice import advice_sentences, tightening_advice
 from satsep_ot.studies.telling.document import ReportError, read_json, read_results, read_text
 from satsep_ot.studies.telling.failure_mixture import mixture_lines
+from satsep_ot.studies.telling.figures.axes import power_of_ten
 from satsep_ot.studies.telling.fleet import fleet_lines
-from satsep_ot.studies.telling.remarks import limits, remarks
-from satsep_ot.studies.telling.results import Estimate, Section, StudyResult
-from satsep_ot.studies.telling.verdicts import Status, best_estimate, contradiction, headline, judge_all
+from satsep_ot.studies.telling.plain_data import to_plain
+from satsep_ot.studies.telling.remarks import audit_remarks, limits, remarks
+from satsep_ot.studies.telling.results import Estimate, RequirementEntry, Section, StudyResult, main_quantities
+from satsep_ot.studies.telling.verdicts import Status, Verdict, best_estimate, contradiction, headline, judge_all
 from satsep_ot.studies.telling.words import (
     METHOD_DESCRIPTIONS,
+    fewer_than,
     in_words,
     interval_text,
+    number_text,
     probability_text,
     with_space,
 )
@@ -111,6 +118,7 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
     environment.filters["probability"] = probability_text
     environment.filters["keep"] = _keep_numbers
     environment.filters["behind"] = with_space
+    environment.filters["number"] = number_text
     environment.filters["words"] = lambda name: name.replace("_", " ")
     template = (resources.files("satsep_ot.studies.telling") / "report.html").read_text(encoding="utf-8")
     by_requirement = result.rows_by_requirement()
@@ -122,6 +130,14 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         answers=list(zip(result.requirements, verdicts, strict=True)),
         headline=headline(verdicts),
         symbols=_SYMBOLS,
+        chart=IntervalChart.of(result.requirements, verdicts),
+        big=_big,
+        small=_small,
+        caution=audit_remarks(result),
+        main=main_quantities(result.quantities),
+        files=["results.json", "motion.json", "case.toml", *result.force_tables, "origin.json", "manifest.json"],
+        units=_script_json({name: result.quantities[name].unit for name in result.exceedances}),
+        exceedances=_script_json(to_plain(result.exceedances)),
         by_requirement=by_requirement,
         best=best,
         any_requirement=best.get(SYSTEM),
@@ -139,6 +155,58 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         motion=_script_json(motion),
         case_text=case_text,
     )
+
+
+@dataclasses.dataclass(frozen=True)
+class IntervalChart:
+    """The intervals of all requirements on one logarithmic axis, in percent of its width.
+
+    Attributes
+    ----------
+    low, high : int
+        Powers of ten at its ends.
+    """
+
+    low: int
+    high: int
+
+    @staticmethod
+    def of(requirements: Iterable[RequirementEntry], verdicts: Iterable[Verdict]) -> "IntervalChart":
+        """The axis that holds every interval and every allowed probability."""
+        numbers = [entry.allowed_probability for entry in requirements]
+        for verdict in verdicts:
+            if verdict.row is not None:
+                numbers += [verdict.row.lower95 or verdict.row.upper95, verdict.row.upper95]
+        positive = [number for number in numbers if number] or [1e-3]
+        # What is far below all others would squeeze these into a corner.
+        low = max(math.floor(math.log10(min(positive))), -12)
+        return IntervalChart(low, max(math.ceil(math.log10(max(positive))), low + 1))
+
+    def place(self, probability: float) -> float:
+        """Where a probability stands."""
+        if probability <= 0.0:
+            return 0.0
+        return min(max(100.0 * (math.log10(probability) - self.low) / (self.high - self.low), 0.0), 100.0)
+
+    @property
+    def ticks(self) -> list[tuple[float, str]]:
+        """Place and text of each label."""
+        step = 1 + (self.high - self.low) // 6
+        return [(self.place(10.0**power), power_of_ten(10.0**power)) for power in range(self.low, self.high + 1, step)]
+
+
+def _big(row: Estimate) -> str:
+    """The answer in a few characters: never a bare 0."""
+    if row.probability == 0.0 and row.upper95 is not None:
+        return fewer_than(row.upper95)
+    return probability_text(row.probability)
+
+
+def _small(row: Estimate) -> str:
+    """What stands below the answer."""
+    if row.probability == 0.0:
+        return f"with 95 % confidence; none in {row.evaluations:,} runs"
+    return f"{interval_text(row.lower95, row.upper95)} (95 %)"
 
 
 def _probability(row: Estimate | None) -> float:

@@ -3,12 +3,13 @@
 import dataclasses
 import enum
 import math
+import re
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from satsep_ot.dynamics.quantities import Quantity
+from satsep_ot.dynamics.quantities import QUANTITIES, Quantity
 from satsep_ot.methods.comparison.method import Row
 from satsep_ot.methods.polynomials.regression_result import MultivariatePolynomialRegressionResult
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
@@ -201,6 +202,47 @@ class QuantityValues:
         )
 
 
+def main_quantities(quantities: dict[str, QuantityValues]) -> list[str]:
+    """The quantities that are no part of another and not only there to be required."""
+    return [
+        name
+        for name, values in quantities.items()
+        if not values.part_of and (name not in QUANTITIES or QUANTITIES[name].is_main)
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class Exceedance:
+    """The probability that a quantity lies beyond a limit, at rising limits, with its 95 % bounds at each of them."""
+
+    is_maximum: bool
+    limits: tuple[float, ...]
+    probabilities: tuple[float, ...]
+    lower95: tuple[float, ...]
+    upper95: tuple[float, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class InputEntry:
+    """An uncertain input: its tolerance in the case file, its distribution, and the comment there, such as a source."""
+
+    name: str
+    tolerance: str
+    unit: str
+    description: str
+    distribution: str
+    source: str
+
+    @staticmethod
+    def of(row: UncertainInput, case_text: str) -> "InputEntry":
+        """The entry of an input of the case with this text."""
+        tolerance = row.entry or row.name
+        table = case_text.partition("\n[inputs]")[2].partition("\n[")[0]
+        line = re.search(rf"^[ \t]*\"?{re.escape(tolerance)}\"?[ \t]*=(.*)$", table, re.MULTILINE)
+        _, _, source = line[1].rpartition("#") if line and "#" in line[1] else ("", "", "")
+        return InputEntry(row.name, tolerance, row.unit, row.description, str(row.distribution), source.strip())
+
+
 @dataclasses.dataclass(frozen=True)
 class Tolerance:
     """A tolerance of the case file: its scatter in words, its inputs, and what these are."""
@@ -268,23 +310,29 @@ class Component:
 
 @dataclasses.dataclass(frozen=True)
 class ComponentSummary:
-    """The numbers of a `Component`: directions, largest eigenvalues, degree, Q2 leave-one-out, error bound."""
+    """The numbers of a `Component`: directions, largest eigenvalues, degree, Q2 leave-one-out, error bound.
+
+    Q2 and the bound are None where too few gradients tell nothing of them.
+    """
 
     dimension: int
     eigenvalues: tuple[float, ...]
     degree: int
-    Q2: float
-    error_bound: float
+    Q2: float | None
+    error_bound: float | None
 
     @staticmethod
     def of(component: Component) -> "ComponentSummary":
         """The numbers of a component."""
+        quality = component.regression.getQ2LeaveOneOut()[0]
+        bound = component.subspace.getErrorBound()
         return ComponentSummary(
             component.subspace.getDimension(),
             tuple(component.subspace.getEigenvalues())[:10],
             component.regression.getDegree(),
-            component.regression.getQ2LeaveOneOut()[0],
-            component.subspace.getErrorBound(),
+            # Minus infinity where as many coefficients as runs were fitted: then nothing was left out.
+            quality if math.isfinite(quality) else None,
+            bound if math.isfinite(bound) else None,
         )
 
 
@@ -339,10 +387,11 @@ class Section(enum.StrEnum):
     """The groups of figures in a report."""
 
     SEPARATION = "separation"
-    ANSWER = "answer"
+    ANSWER = "answer"  # of results of version 0.1.0 alone
     DRIVERS = "drivers"
     TIGHTENED = "tightened"
     DENSITIES = "densities"
+    EXCEEDANCES = "exceedances"
     EIGENVALUES = "eigenvalues"
     SUMMARIES = "summaries"
     METHODS = "methods"
@@ -404,6 +453,12 @@ class StudyResult:
         By requirement, the probability with failures of parts; empty where the case names none.
     fleet : dict of str to FleetEstimate
         By requirement, the probability that any satellite of a fleet violates it; empty for a single satellite.
+    inputs : tuple of InputEntry
+        Every uncertain input.
+    force_tables : dict of str to str
+        The force-stroke tables of the case by the names of their files, as they were read.
+    exceedances : dict of str to Exceedance
+        By quantity.
     """
 
     case: str
@@ -432,6 +487,9 @@ class StudyResult:
     processors: tuple[str, ...] = ()
     failures: dict[str, FailureMixture] = dataclasses.field(default_factory=dict)
     fleet: dict[str, FleetEstimate] = dataclasses.field(default_factory=dict)
+    inputs: tuple[InputEntry, ...] = ()
+    force_tables: dict[str, str] = dataclasses.field(default_factory=dict)
+    exceedances: dict[str, Exceedance] = dataclasses.field(default_factory=dict)
 
     def rows_of(self, requirement: str) -> tuple[Estimate, ...]:
         """The estimates of one requirement, or of "any requirement"."""

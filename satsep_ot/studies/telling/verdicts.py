@@ -10,6 +10,7 @@ from satsep_ot.studies.telling.words import (
     DECIDING_METHODS,
     StudyMethod,
     capitalized,
+    fewer_than,
     in_words,
     interval_text,
     probability_text,
@@ -52,12 +53,20 @@ class Verdict:
         Why.
     row : Estimate or None
         The estimate that it rests on.
+    doubt : bool
+        Whether the intervals of two methods do not overlap.
     """
 
     requirement: str
     status: Status
     sentence: str
     row: Estimate | None
+    doubt: bool = False
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether probability, interval and status say all that the sentence says."""
+        return self.status in (Status.MET, Status.NOT_MET) and not self.doubt
 
 
 def best_estimate(rows: Iterable[Estimate]) -> Estimate | None:
@@ -164,6 +173,8 @@ def judge(requirement: str, rows: Sequence[Estimate], allowed: float | None = No
     doubt = contradiction(rows)
     known = (
         f"{in_words(probability)}; with 95 % confidence between {probability_text(lower)} and {probability_text(upper)}"
+        if probability > 0.0
+        else f"none in {row.evaluations:,} runs; with 95 % confidence {fewer_than(upper)}"
     )
     if doubt:
         lower, upper = min(interval.lower for _, interval in found), max(interval.upper for _, interval in found)
@@ -174,10 +185,9 @@ def judge(requirement: str, rows: Sequence[Estimate], allowed: float | None = No
         return Verdict(requirement, Status.NO_ALLOWANCE, sentence, row)
     limit = probability_text(allowed)
     if upper <= allowed:
-        missed = "" if doubt else _what_may_be_missed(row, rows, allowed)
-        return Verdict(requirement, Status.MET, f"{known}: all of it within the allowed {limit}.{missed}", row)
+        return Verdict(requirement, Status.MET, f"{known}: within the allowed {limit}.", row, bool(doubt))
     if lower > allowed:
-        return Verdict(requirement, Status.NOT_MET, f"{known}: all of it above the allowed {limit}.", row)
+        return Verdict(requirement, Status.NOT_MET, f"{known}: above the allowed {limit}.", row, bool(doubt))
     cure = "More runs, or another seed, show which of the two is right." if doubt else what_decides(row, allowed)
     sentence = f"{known}: the allowed {limit} lies in between. {cure}"
     return Verdict(requirement, Status.UNDECIDED, sentence, row)
@@ -223,7 +233,7 @@ def what_decides(row: Estimate, allowed: float) -> str:
     >>> from satsep_ot.studies.telling.words import StudyMethod
     >>> row = Estimate("spin", StudyMethod.ACTIVE_SUBSPACE, 9e-4, 8e-4, 1.1e-3, 0.05, evaluations=1000)
     >>> what_decides(row, 1e-3)
-    'About 1,800 runs would decide it: satsep-ot study case.toml --precision 0.037.'
+    'About 4,800 runs would decide it: satsep-ot study case.toml --precision 0.037.'
     >>> what_decides(Estimate("spin", StudyMethod.MONTE_CARLO, 0.0, 0.0, 3e-3, evaluations=1000), 1e-3)
     'About 3,000 runs without a violation would decide it: satsep-ot study case.toml --runs 3000.'
     """
@@ -297,19 +307,6 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     if list(groups) == [Status.MET]:
         return f"{'Every' if len(verdicts) > 1 else 'The'} requirement is met with 95 % confidence."
     return " ".join(text.format(", ".join(groups[status])) for status, text in _HEADLINES.items() if status in groups)
-
-
-def _what_may_be_missed(row, rows, allowed):
-    """A sentence on failures that a surrogate may have missed where a requirement is said to be met."""
-    if row.method == StudyMethod.MONTE_CARLO:
-        return ""
-    crude = next(((row, interval) for row, interval in _deciding(rows) if row.method == StudyMethod.MONTE_CARLO), None)
-    if crude is None:
-        return " A failure region that no run has reached is not excluded: the method MonteCarlo would bound it."
-    row, interval = crude
-    text = f" The {row.evaluations:,} runs of MonteCarlo, which needs no surrogate, bound the probability by"
-    more = "" if interval.upper <= allowed else " only: more of them can bound it further"
-    return f"{text} {probability_text(interval.upper)}{more}."
 
 
 def _why_unknown(rows):

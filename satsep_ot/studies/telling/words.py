@@ -125,6 +125,38 @@ def in_words(probability: float) -> str:
     return f"about 1 separation in {float(f'{1.0 / probability:.2g}'):,.0f}"
 
 
+def fewer_than(bound: float) -> str:
+    """An upper bound of a probability as a number of separations, on the safe side.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.words import fewer_than
+    >>> fewer_than(5.99e-6), fewer_than(0.5)
+    ('fewer than 1 in 160,000', 'fewer than 50 % of the separations')
+    """
+    if bound > 0.1:
+        return f"fewer than {100.0 * bound:.3g} % of the separations"
+    power = 10.0 ** (math.floor(math.log10(1.0 / bound)) - 1)
+    return f"fewer than 1 in {power * math.floor(1.0 / bound / power):,.0f}"
+
+
+def number_text(value: float, figures: int = 4) -> str:
+    """A number that is no probability, in the format of all of them: powers of ten as 2.4e-5.
+
+    Examples
+    --------
+    >>> from satsep_ot.studies.telling.words import number_text
+    >>> number_text(0.59845), number_text(2.4e-5), number_text(123456.0), number_text(0.0)
+    ('0.5985', '2.4e-5', '123456', '0')
+    """
+    if value == 0.0 or not math.isfinite(value) or 1e-3 <= abs(value) < 10.0**figures:
+        return f"{value:.{figures}g}"
+    if 10.0**figures <= abs(value) < 1e7:
+        return f"{value:.0f}"
+    mantissa, exponent = f"{value:.{figures - 1}e}".split("e")
+    return f"{float(mantissa):g}e{int(exponent)}"
+
+
 def with_space(unit: str) -> str:
     """A unit as it stands behind a number: nothing for a pure number.
 

@@ -21,11 +21,11 @@ from satsep_ot.studies.telling.figures.axes import (
     quantity_label,
     save_figure,
 )
-from satsep_ot.studies.telling.figures.densities import draw_density, sample_density
+from satsep_ot.studies.telling.figures.densities import draw_density, draw_exceedance, sample_density
 from satsep_ot.studies.telling.figures.motion import draw_rates, draw_separation_velocity, draw_strokes
-from satsep_ot.studies.telling.figures.probabilities import ProbabilityBar, draw_answer, draw_probabilities
+from satsep_ot.studies.telling.figures.probabilities import ProbabilityBar, draw_probabilities
 from satsep_ot.studies.telling.figures.shares import draw_shares
-from satsep_ot.studies.telling.figures.subspaces import draw_eigenvalues, draw_sufficient_summary
+from satsep_ot.studies.telling.figures.subspaces import draw_eigenvalues, draw_spectra, draw_sufficient_summary
 
 __all__ = [
     "BLACK",
@@ -38,13 +38,14 @@ __all__ = [
     "PANEL_SIZE",
     "STYLES",
     "ProbabilityBar",
-    "draw_answer",
     "draw_density",
     "draw_eigenvalues",
+    "draw_exceedance",
     "draw_probabilities",
     "draw_rates",
     "draw_separation_velocity",
     "draw_shares",
+    "draw_spectra",
     "draw_strokes",
     "draw_sufficient_summary",
     "label_axes",

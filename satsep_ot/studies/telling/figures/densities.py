@@ -1,6 +1,7 @@
 """Densities of quantities: true runs, the surrogate, and the limit."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,6 +10,7 @@ from scipy.fft import dct, idct
 
 from satsep_ot.studies.telling.figures.axes import (
     BLACK,
+    BLUE,
     FONT_SIZE,
     GREY,
     ORANGE,
@@ -18,6 +20,7 @@ from satsep_ot.studies.telling.figures.axes import (
     make_axes,
     quantity_label,
 )
+from satsep_ot.studies.telling.results import Exceedance
 from satsep_ot.studies.telling.words import probability_text
 
 
@@ -170,4 +173,55 @@ def draw_density(
     # Space above the curves for the legend.
     ax.set_ylim(floor, top * (top / floor) ** 0.55)
     ax.legend(fontsize=FONT_SIZE, loc="upper center", ncols=2, columnspacing=1.0, handlelength=1.6, framealpha=1.0)
+    return ax
+
+
+def draw_exceedance(
+    curve: Exceedance,
+    ax: Axes | None = None,
+    label: str = "",
+    unit: str = "",
+    limits: Sequence[float] = (),
+    allowed: float | None = None,
+) -> Axes:
+    """The probability that a quantity lies beyond a limit, against the limit, with its 95 % band.
+
+    Parameters
+    ----------
+    curve : Exceedance
+    ax : :class:`matplotlib.axes.Axes`, optional
+    label, unit : str
+        Of the quantity.
+    limits : sequence of float
+        Of requirements on the quantity.
+    allowed : float, optional
+        Their allowed probability.
+
+    Returns
+    -------
+    ax : :class:`matplotlib.axes.Axes`
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from satsep_ot.studies.exceedance import exceedance_curve
+    >>> from satsep_ot.studies.telling.figures import draw_exceedance
+    >>> curve = exceedance_curve(np.random.default_rng(0).standard_normal(1000))
+    >>> draw_exceedance(curve, label="spin", unit="deg/s").get_ylabel()
+    'probability of more'
+    """
+    ax = make_axes(ax)
+    side = "more" if curve.is_maximum else "less"
+    label_axes(ax, quantity_label(label, unit), f"probability of {side}")
+    ax.set_yscale("log")
+    label_decades(ax.yaxis)
+    ax.fill_between(curve.limits, curve.lower95, curve.upper95, color=GREY, alpha=0.7, linewidth=0, label="95 % band")
+    ax.plot(curve.limits, curve.probabilities, "-", color=BLACK, linewidth=1.5, label="share of the runs")
+    for limit in limits:
+        ax.axvline(limit, color=ORANGE, linestyle="--", label=f"limit {limit:g}")
+    if allowed is not None:
+        ax.axhline(allowed, color=BLUE, linestyle=":", label=f"allowed {probability_text(allowed)}")
+    ax.set_ylim(0.5 * min(curve.probabilities), 2.0)
+    ax.ticklabel_format(axis="x", scilimits=(-4, 6))
+    ax.legend(fontsize=FONT_SIZE - 1, loc="lower left" if curve.is_maximum else "lower right")
     return ax

@@ -15,6 +15,9 @@ from satsep_ot.studies.telling.figures.axes import (
 )
 from satsep_ot.studies.telling.motion import Motion
 
+# Part of the largest stroke that a picture shows.
+_SEEN = 2e-3
+
 
 def draw_separation_velocity(motion: Motion, ax: Axes | None = None) -> Axes:
     """Axial velocity and gap over time, the gap on an axis of its own at the right.
@@ -81,16 +84,17 @@ def draw_strokes(motion: Motion, ax: Axes | None = None) -> Axes:
     ax : :class:`matplotlib.axes.Axes`
     """
     ax = _time_axes(motion, ax, "spring stroke [mm]")
-    pushers = np.flatnonzero(~motion.pins)
-    count = len(pushers)
-    for place, i in enumerate(pushers):
+    groups = _alike(motion)
+    for place, springs in enumerate(groups):
         style, colour = STYLES[place % len(STYLES)], COLOURS[place % len(COLOURS)]
-        # Beyond eight springs a legend hides more than it tells.
-        failed = " (failed)" if np.isnan(motion.release_times[i]) else ""
-        label = f"{motion.names[i]}{failed}" if count <= 8 else None
-        ax.plot(1e3 * motion.times, 1e3 * motion.strokes[:, i], style, color=colour,
-                marker=MARKERS[place % len(MARKERS)], markersize=5, markevery=(12 * place + 5, 12 * min(count, 8)),
-                label=label)  # fmt: skip
+        first = springs[0]
+        failed = " (failed)" if np.isnan(motion.release_times[first]) else ""
+        names = motion.names[first] if len(springs) == 1 else f"{len(springs)} springs, alike"
+        ax.plot(1e3 * motion.times, 1e3 * motion.strokes[:, first], style, color=colour,
+                marker=MARKERS[place % len(MARKERS)], markersize=5,
+                markevery=(12 * place + 5, 12 * min(len(groups), 8)),
+                # Beyond eight springs a legend hides more than it tells.
+                label=f"{names}{failed}" if len(groups) <= 8 else None)  # fmt: skip
     for kind, marker, label in ((~motion.pins, "*", "release"), (motion.pins, "X", "pins leave their socket")):
         if kind.any():
             ax.plot(1e3 * motion.release_times[kind], 1e3 * motion.release_strokes[kind], marker, color=BLACK,
@@ -99,6 +103,21 @@ def draw_strokes(motion: Motion, ax: Axes | None = None) -> Axes:
     ax.set_ylim(0.0, 1.15e3 * np.nanmax(motion.release_strokes))
     ax.legend(fontsize=FONT_SIZE, loc="best")
     return ax
+
+
+def _alike(motion):
+    """The springs that push, in groups whose strokes nobody can tell apart in a picture."""
+    groups: list[list[int]] = []
+    for i in np.flatnonzero(~motion.pins):
+        stroke = motion.strokes[:, i]
+        for group in groups:
+            if np.allclose(stroke, motion.strokes[:, group[0]], atol=_SEEN * np.nanmax(motion.release_strokes),
+                           rtol=0.0, equal_nan=True):  # fmt: skip
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
 
 
 def _time_axes(motion, ax, vertical):

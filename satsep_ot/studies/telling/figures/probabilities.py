@@ -1,4 +1,4 @@
-"""Probabilities with their intervals: by method, and beside the allowed one."""
+"""Probabilities with their intervals, by method or by tolerance."""
 
 import dataclasses
 import math
@@ -9,11 +9,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from satsep_ot.studies.telling.figures.axes import (
     AS_WRITTEN,
-    BLACK,
     COLOURS,
     FONT_SIZE,
     MARKERS,
-    ORANGE,
     label_axes,
     make_axes,
 )
@@ -125,50 +123,6 @@ def _draw_bar(ax, place, bar, low):
                 markerfacecolor=colour if bar.converged else "white")  # fmt: skip
     elif bar.upper95 is None:
         write(0.03, f"< {probability_text(low, 2)}")
-
-
-def draw_answer(
-    probability: float, lower95: float, upper95: float, allowed: float | None = None, ax: Axes | None = None
-) -> Axes:
-    """One probability with its 95 % interval, beside the allowed one.
-
-    Parameters
-    ----------
-    probability, lower95, upper95 : float
-        The estimate and the bounds of its interval.
-    allowed : float, optional
-        The allowed probability.
-    ax : :class:`matplotlib.axes.Axes`, optional
-
-    Returns
-    -------
-    ax : :class:`matplotlib.axes.Axes`
-        Everything above the allowed probability is hatched.
-
-    Examples
-    --------
-    >>> from satsep_ot.studies.telling.figures import draw_answer
-    >>> draw_answer(2e-4, 1e-4, 4e-4, allowed=1e-3).get_xlabel()
-    'probability of violation'
-    """
-    ax = make_axes(ax, (5.2, 1.7))
-    label_axes(ax, "probability of violation", "")
-    low, high = _axis_range([probability, lower95, upper95, allowed])
-    ax.set_xscale("log")
-    ax.set_xlim(low, high)
-    ax.set_ylim(-1.0, 1.4)
-    _set_probability_ticks(ax, low, high)
-    ax.set_yticks([])
-    start = max(lower95, low)
-    ax.plot([start, upper95], [0.0, 0.0], "-", color=BLACK, linewidth=3.0, label="95 % interval")
-    ax.plot([start, upper95], [0.0, 0.0], "|", color=BLACK, markersize=14, markeredgewidth=2.0)
-    if probability >= low:
-        ax.plot([probability], [0.0], "o", color=BLACK, markersize=9, label="estimate")
-    if allowed is not None:
-        ax.axvspan(allowed, high, facecolor="none", edgecolor=ORANGE, alpha=0.5, hatch="//", linewidth=0)
-        ax.axvline(allowed, color=ORANGE, linestyle="--", linewidth=2.0, label=f"allowed {allowed:g}")
-    ax.legend(fontsize=FONT_SIZE, loc="upper center", ncols=3, columnspacing=1.0, handlelength=1.6, framealpha=1.0)
-    return ax
 
 
 def _set_probability_ticks(ax, low, high):

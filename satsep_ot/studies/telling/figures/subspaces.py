@@ -11,8 +11,11 @@ from satsep_ot.studies.telling.figures.axes import (
     AS_WRITTEN,
     BLACK,
     BLUE,
+    COLOURS,
     FONT_SIZE,
     GREY,
+    MARKERS,
+    STYLES,
     grouped_unit,
     label_axes,
     label_decades,
@@ -88,6 +91,47 @@ def draw_eigenvalues(
     return ax
 
 
+def draw_spectra(results: dict[str, ActiveSubspaceResult], ax: Axes | None = None, largest: int = 10) -> Axes:
+    """Eigenvalues of several active subspaces in one picture, each over its largest one.
+
+    Parameters
+    ----------
+    results : dict of str to :class:`satsep_ot.methods.subspaces.result.ActiveSubspaceResult`
+        By the name of the output; at least one.
+    ax : :class:`matplotlib.axes.Axes`, optional
+    largest : int
+        How many eigenvalues are drawn at most.
+
+    Returns
+    -------
+    ax : :class:`matplotlib.axes.Axes`
+
+    Examples
+    --------
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.subspaces.algorithm import ActiveSubspaceAlgorithm
+    >>> from satsep_ot.studies.telling.figures import draw_spectra
+    >>> algorithm = ActiveSubspaceAlgorithm(ot.SymbolicFunction(["a", "b"], ["exp(0.3 * a + 0.4 * b)"]), ot.Normal(2))
+    >>> algorithm.run()
+    >>> draw_spectra({"g": algorithm.getResult()}).get_ylabel()
+    'eigenvalue over the largest one'
+    """
+    ax = label_axes(make_axes(ax), "index of the eigenvalue", "eigenvalue over the largest one")
+    ax.set_yscale("log")
+    label_decades(ax.yaxis)
+    for place, (name, result) in enumerate(results.items()):
+        values = np.array(result.getEigenvalues())[:largest]
+        values = values[values > 0.0] / values[0]
+        ax.plot(
+            np.arange(1, len(values) + 1), values, STYLES[place // len(COLOURS) % len(STYLES)],
+            color=COLOURS[place % len(COLOURS)], marker=MARKERS[place % len(MARKERS)], markersize=5,
+            label=name.replace("_", " "),
+        )  # fmt: skip
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.legend(fontsize=FONT_SIZE - 2, ncols=1 + len(results) // 5, loc="best")
+    return ax
+
+
 def draw_sufficient_summary(
     active: ArrayLike,
     values: np.ndarray,
@@ -136,11 +180,13 @@ def draw_sufficient_summary(
     if active.shape[1] == 1:
         label_axes(ax, "active variable [standard deviations]", quantity_label(label, unit))
         grid = np.linspace(low, high, 201)
-        lower, upper = regression.getPredictionInterval(grid, level)
-        ax.fill_between(
-            grid[:, 0], lower[:, 0], upper[:, 0], color=GREY, alpha=0.6, linewidth=0,
-            label=f"{100.0 * level:g} % of new runs",
-        )  # fmt: skip
+        if np.isfinite(regression.getQ2LeaveOneOut()[0]):
+            # As many coefficients as runs leave nothing to tell a band from.
+            lower, upper = regression.getPredictionInterval(grid, level)
+            ax.fill_between(
+                grid[:, 0], lower[:, 0], upper[:, 0], color=GREY, alpha=0.6, linewidth=0,
+                label=f"{100.0 * level:g} % of new runs",
+            )  # fmt: skip
         ax.plot(active[:, 0], values, "o", color=BLUE, markersize=3.5, alpha=0.7, label="true runs")
         ax.plot(grid[:, 0], regression.evaluate(grid)[:, 0], "-", color=BLACK, label=f"degree {regression.getDegree()}")
         ax.legend(fontsize=FONT_SIZE)
