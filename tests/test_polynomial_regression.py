@@ -612,14 +612,10 @@ def test_an_input_may_have_a_distribution_in_python():
 def test_bad_degrees_and_folds_are_named():
     regression = MultivariatePolynomialRegression(np.zeros((30, 1)), np.zeros((30, 1)), ot.Normal(1))
     for highest in (-1, 11, 1.5):
-        with pytest.raises(
-            ValueError, match=f"The highest degree must be a whole number from 0 to 10, got {highest}"
-        ):
+        with pytest.raises(ValueError, match=f"The highest degree must be a whole number from 0 to 10, got {highest}"):
             regression.selectDegree(highest)
     for folds in (1, 2.5):
-        with pytest.raises(
-            ValueError, match=f"The number of folds must be a whole number of at least 2, got {folds}"
-        ):
+        with pytest.raises(ValueError, match=f"The number of folds must be a whole number of at least 2, got {folds}"):
             regression.selectDegree(4, folds)
 
 
