@@ -961,3 +961,11 @@ def test_dimensions_are_compared_before_the_transformation_is_made(monkeypatch):
     monkeypatch.setattr("satsep_ot.methods.subspaces.algorithm.StandardSpace", lambda distribution: 1 / 0)
     with pytest.raises(ValueError, match="The function has 1 inputs but the distribution has dimension 2"):
         ActiveSubspaceAlgorithm(ot.SymbolicFunction("x", "x"), ot.Normal(2))
+
+
+@pytest.mark.parametrize(
+    ("inputs", "replicates"), [(1, 1000), (50, 1000), (51, 980), (100, 500), (500, 100), (800, 100)]
+)
+def test_many_inputs_have_fewer_replicates_by_default(inputs, replicates):
+    function = ot.SymbolicFunction([f"x{i}" for i in range(inputs)], ["x0"])
+    assert ActiveSubspaceAlgorithm(function, ot.Normal(inputs)).getBootstrapSize() == replicates

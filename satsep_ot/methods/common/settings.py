@@ -5,7 +5,7 @@ import openturns as ot
 _PREFIX = "SatsepOT-"
 # Key without the prefix -> default, and what it is. docs/user-guide.md lists them, kept by a test.
 SETTINGS: dict[str, tuple[int | float, str]] = {
-    "ActiveSubspaceAlgorithm-BootstrapSize": (1000, "bootstrap replicates"),
+    "ActiveSubspaceAlgorithm-BootstrapSize": (1000, "bootstrap replicates with up to 50 inputs"),
     "ActiveSubspaceAlgorithm-SamplingFactor": (60.0, "gradients over the logarithm of the number of inputs"),
     "ActiveSubspaceAlgorithm-MaximumSamplingRatio": (10, "largest number of gradients over the default one"),
     "MultivariatePolynomialRegression-Degree": (4, "total degree"),

@@ -18,6 +18,8 @@ from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.openturns_adapter import hasGradient, raisingInterrupts
 from satsep_ot.openturns_object import OpenTURNSObject
 
+# With more inputs than this the default number of bootstrap replicates falls in proportion, to no less than that.
+_FULL_INPUTS, _LEAST_REPLICATES = 50, 100
 GRADIENT_METHODS = ("Automatic", "Exact", "CentralDifference", "ForwardDifference")
 
 
@@ -77,7 +79,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         self._outputs = list(self._function.getOutputDescription()) if self._function else None
         self._samplingSize = math.ceil(setting("ActiveSubspaceAlgorithm-SamplingFactor") * math.log(max(d, 2)))
         self._gradientMethod = "Automatic"
-        self._bootstrapSize = int(setting("ActiveSubspaceAlgorithm-BootstrapSize"))
+        self._bootstrapSize = _replicates(d)
         self._dimension: int | None = None
         self._weightFunction: Callable[[np.ndarray], ArrayLike] | None = None
         self._targetSubspaceError: float | None = None
@@ -219,7 +221,8 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         self._step = step
 
     def setBootstrapSize(self, bootstrapSize: int) -> None:
-        """Number of bootstrap replicates, at least 2 (default 1000)."""
+        """Number of bootstrap replicates, at least 2; by default 1000 with up to 50 inputs, and with more 50,000 over
+        their number, but at least 100: the time of each grows with the cube of the inputs."""
         self._bootstrapSize = _integer("bootstrap size", bootstrapSize, 2)
 
     def getBootstrapSize(self) -> int:
@@ -382,6 +385,12 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         if self._result is None:
             raise RuntimeError("There is no result yet: call run() first.")
         return self._result
+
+
+def _replicates(inputs):
+    """Default number of bootstrap replicates of so many inputs."""
+    number = int(setting("ActiveSubspaceAlgorithm-BootstrapSize"))
+    return min(number, max(_LEAST_REPLICATES, round(number * _FULL_INPUTS / inputs)))
 
 
 def _integer(name, value, least):
