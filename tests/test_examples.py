@@ -159,6 +159,34 @@ def test_pandas_in_and_out(capsys):
 
 
 @pytest.mark.slow
+def test_three_limits_of_an_optical_bench(capsys):
+    names, printed = run("three_limits_of_an_optical_bench", capsys)
+    assert names["killed"]
+    assert names["kept"] > 20
+    model = {}
+    exec(names["MODEL"].replace("time.sleep", "abs"), model)
+    ot.RandomGenerator.SetSeed(0)
+    values = model["bench"](np.array(model["law"]().getSample(1_000_000)))
+    truths = {
+        "tilt": (np.hypot(values[:, 0], values[:, 1]) > 33.0).mean(),
+        "focus": (np.abs(values[:, 2]) > 10.0).mean(),
+        "stress": (values[:, 3] > 32.0).mean(),
+    }
+    ratios = {}
+    for limit, truth in truths.items():
+        row = names["table"].loc[(limit, "ActiveSubspace")]
+        slack = 4.0 * np.sqrt(truth / 1e6)
+        assert row["lower95"] - slack < truth < row["upper95"] + slack
+        ratios[limit] = names["table"].loc[(limit, "FORM"), "probability"] / truth
+    # What the title says.
+    assert ratios["tilt"] < 0.3
+    assert ratios["focus"] < 0.8
+    assert 0.8 < ratios["stress"] < 1.25
+    assert r"coefficient\_of\_variation" in names["latex"]
+    assert printed.count("FORM gives") == 3
+
+
+@pytest.mark.slow
 def test_slow_model_on_many_workers(capsys):
     names, printed = run("slow_model_on_many_workers", capsys)
     assert all(np.array_equal(values, names["values"][1]) for values in names["values"].values())
