@@ -9,10 +9,10 @@ from scipy.stats import norm
 from satsep_ot import ActiveSubspaceReliability
 
 
-def answer(theEvent, inputs, outputs, drawn=False, seed=0, **options):
+def answer(theEvent, inputs, outputs, law=None, seed=0, **options):
     ot.RandomGenerator.SetSeed(seed)
     algorithm = ActiveSubspaceReliability(theEvent)
-    algorithm.setKnownRuns(inputs, outputs, drawn)
+    algorithm.setKnownRuns(inputs, outputs, law)
     for key, value in options.items():
         getattr(algorithm, f"set{key}")(value)
     algorithm.run()
@@ -29,7 +29,7 @@ LIMIT_PROBABILITY = norm.sf(2.0 / np.hypot(1.0, 0.3))
 def test_drawn_runs_are_a_part_of_the_estimate():
     for seed in range(8):
         points = np.random.default_rng(seed).standard_normal((400, 3))
-        result = answer(event(limit), points, limit(points)[:, None], drawn=True, seed=seed)
+        result = answer(event(limit), points, limit(points)[:, None], ot.Normal(3), seed=seed)
         assert covers(result, LIMIT_PROBABILITY)
         assert result.getEvaluationNumber() + 400 == result.getInputSample().getSize()
         runs = result.getTrueRuns()
@@ -38,6 +38,35 @@ def test_drawn_runs_are_a_part_of_the_estimate():
         assert np.isfinite(runs.weights[:400]).all()
         # They have a share, and the runs that were made since have the larger one.
         assert 0.0 < runs.weights[:400].mean() < 0.5
+
+
+def test_runs_of_another_distribution_count_by_the_ratio_of_densities():
+    law = ot.Normal([1.5, 0.4, 0.0], [1.0, 1.0, 1.5], ot.CorrelationMatrix(3))
+    for seed in range(4):
+        ot.RandomGenerator.SetSeed(100 + seed)
+        points = np.array(law.getSample(300))
+        result = answer(event(limit), points, limit(points)[:, None], law, seed=seed)
+        assert covers(result, LIMIT_PROBABILITY)
+        runs = result.getTrueRuns()
+        assert runs.computeProbability() == pytest.approx(result.getProbabilityEstimate(), rel=1e-9)
+        shares = (
+            runs.weights[:300]
+            / np.exp(np.array(ot.Normal(3).computeLogPDF(points)) - np.array(law.computeLogPDF(points)))[:, 0]
+        )
+        # One share of the estimate for all of them.
+        assert np.ptp(shares) < 1e-9 * shares[0]
+        # They are no draws of the inputs' distribution.
+        assert set(runs.phases[:300]) == {"known"}
+
+
+def test_runs_of_a_distribution_that_hardly_reaches_the_failures_count_little():
+    law = ot.Normal([-1.0, 0.0, 0.0], [0.7, 1.0, 1.0], ot.CorrelationMatrix(3))
+    points = np.array(law.getSample(300))
+    assert (limit(points) > 0.0).all()
+    result = answer(event(limit), points, limit(points)[:, None], law)
+    assert covers(result, LIMIT_PROBABILITY)
+    nominal = np.exp(np.array(ot.Normal(3).computeLogPDF(points)) - np.array(law.computeLogPDF(points)))[:, 0]
+    assert (result.getTrueRuns().weights[:300] / nominal).max() < 0.01
 
 
 def test_runs_from_elsewhere_teach_and_estimate_nothing():
@@ -58,7 +87,7 @@ def test_runs_in_physical_units():
     theEvent = ot.ThresholdEvent(ot.CompositeRandomVector(function, ot.RandomVector(law)), ot.Greater(), 8.0)
     ot.RandomGenerator.SetSeed(3)
     inputs = law.getSample(200)
-    result = answer(theEvent, inputs, function(inputs), drawn=True)
+    result = answer(theEvent, inputs, function(inputs), law)
     np.testing.assert_allclose(np.array(result.getInputSample())[:200], inputs)
     truth = (np.array(function(law.getSample(10**6))) > 8.0).mean()
     assert result.getProbabilityEstimate() == pytest.approx(truth, rel=0.2)
@@ -67,11 +96,25 @@ def test_runs_in_physical_units():
 @pytest.mark.parametrize("drawn", [True, False])
 def test_only_drawn_runs_bound_what_never_failed(drawn):
     points = np.random.default_rng(0).standard_normal((2000, 3))
-    result = answer(event(lambda u: np.ones(len(u))), points, np.ones((2000, 1)), drawn, MaximumEvaluations=200)
+    result = answer(
+        event(lambda u: np.ones(len(u))),
+        points,
+        np.ones((2000, 1)),
+        ot.Normal(3) if drawn else None,
+        MaximumEvaluations=200,
+    )
     upper = result.getConfidenceInterval(0.95).getUpperBound()[0]
     nominal = int(np.isin(result.getTrueRuns().phases, ("learning", "Monte Carlo", "known, drawn")).sum())
     assert upper == pytest.approx(1.0 - 0.05 ** (1.0 / nominal))
     assert (nominal > 2000) == drawn
+
+
+def test_known_runs_of_another_distribution_are_no_part_of_crude_monte_carlo():
+    law = ot.Normal([1.0, 0.0, 0.0], [1.0, 1.0, 1.0], ot.CorrelationMatrix(3))
+    points = np.array(law.getSample(50))
+    result = answer(event(lambda u: np.ones(len(u))), points, np.ones((50, 1)), law, MaximumEvaluations=200)
+    assert result.getMethod() == "MonteCarlo"
+    assert np.isnan(result.getTrueRuns().weights[:50]).all()
 
 
 def test_a_known_failure_leads_to_its_region():
@@ -89,7 +132,7 @@ def test_a_known_failure_leads_to_its_region():
 
 def test_of_a_probable_event_the_complement_is_estimated_with_them():
     points = np.random.default_rng(4).standard_normal((300, 3))
-    result = answer(event(lambda u: -limit(u)), points, -limit(points)[:, None], drawn=True)
+    result = answer(event(lambda u: -limit(u)), points, -limit(points)[:, None], ot.Normal(3))
     assert covers(result, 1.0 - LIMIT_PROBABILITY)
 
 
@@ -108,6 +151,8 @@ def test_what_does_not_fit_is_refused():
         algorithm.setKnownRuns(np.ones((3, 3)), np.ones((2, 1)))
     with pytest.raises(ValueError, match="the known runs have 2 outputs, the function 1"):
         answer(event(limit), np.ones((3, 3)), np.ones((3, 2)))
+    with pytest.raises(ValueError, match="of a distribution of dimension 2, the inputs have 3"):
+        answer(event(limit), np.ones((3, 3)), np.ones((3, 1)), ot.Normal(2))
     with pytest.raises(ValueError, match="must have shape"):
         answer(event(limit), np.ones((3, 2)), np.ones((3, 1)))
     uniform = ot.JointDistribution([ot.Uniform()] * 3)
@@ -116,5 +161,5 @@ def test_what_does_not_fit_is_refused():
     # None is none.
     assert (
         answer(event(limit), np.ones((0, 3)), np.ones((0, 1))).getInputSample()
-        == answer(event(limit), np.ones((0, 3)), np.ones((0, 1)), drawn=True).getInputSample()
+        == answer(event(limit), np.ones((0, 3)), np.ones((0, 1)), ot.Normal(3)).getInputSample()
     )

@@ -193,7 +193,9 @@ class ActiveSubspaceReliability(OpenTURNSObject):
             raise ValueError(f"the policy for non-finite outputs is {policy!r}; give one of {NON_FINITE_POLICIES}")
         self._settings.nonFinitePolicy = policy
 
-    def setKnownRuns(self, inputSample: ArrayLike, outputSample: ArrayLike, drawn: bool = False) -> None:
+    def setKnownRuns(
+        self, inputSample: ArrayLike, outputSample: ArrayLike, distribution: ot.Distribution | None = None
+    ) -> None:
         """Begin with runs that are there already; they are learnt from, and count as no evaluations.
 
         Parameters
@@ -202,17 +204,18 @@ class ActiveSubspaceReliability(OpenTURNSObject):
             Physical inputs, from anywhere in the range of the event's distribution. n may be 0, which is the default.
         outputSample : array (n, p)
             What the event's function, or that of `setComponents`, gave.
-        drawn : bool
-            Whether the inputs are independent draws of the event's distribution, and all that were made, whatever they
-            gave. Only then they are a part of the estimate: failures among them of their share, and where no run fails
-            they bound the probability.
+        distribution : :py:class:`openturns.Distribution`, optional
+            What the inputs were independently drawn from, all that were made, whatever they gave. Only where it is
+            stated they are a part of an estimate from a surrogate, each by the ratio of the densities, and only where
+            it is the event's own they bound the probability where no run fails.
         """
         inputs, outputs = (np.array(sample, dtype=float) for sample in (inputSample, outputSample))
         if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
             raise ValueError(
                 f"the known runs have the shapes {inputs.shape} and {outputs.shape}; (n, d) and (n, p) are needed"
             )
-        self._settings.knownRuns = (ot.Sample(inputs), ot.Sample(outputs), bool(drawn)) if len(inputs) else None
+        law = None if distribution is None else ot.Distribution(distribution)
+        self._settings.knownRuns = (ot.Sample(inputs), ot.Sample(outputs), law) if len(inputs) else None
 
     def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called after each block of runs with the percentage of the evaluation limit that is used."""

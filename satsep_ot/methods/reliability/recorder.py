@@ -10,6 +10,8 @@ from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 
 # Phases of runs that were there before.
 KNOWN, KNOWN_DRAWN = "known", "known, drawn"
+# Densities that differ by less are one.
+_SAME_DENSITY = 1e-9
 
 
 class Stopped(Exception):
@@ -111,25 +113,56 @@ class RunRecorder:
         self._serveCallbacks()
         return runs
 
-    def takeKnown(self, inputs: ot.Sample, outputs: ot.Sample, drawn: bool) -> Runs:
-        """Runs that are there already, which count as no evaluations; drawn from the inputs' distribution, or not.
+    def takeKnown(self, inputs: ot.Sample, outputs: ot.Sample, law: ot.Distribution | None) -> np.ndarray:
+        """Runs that are there already, which count as no evaluations.
+
+        Parameters
+        ----------
+        inputs, outputs : :py:class:`openturns.Sample`
+        law : :py:class:`openturns.Distribution` or None
+            What the inputs were drawn from, where it is known.
+
+        Returns
+        -------
+        ratios : array (n,)
+            Density of the inputs over that one; NaN where it is not known.
 
         Raises
         ------
         ValueError
-            They have other inputs or outputs, or an input is outside the range of the distribution.
+            They, or their distribution, have other inputs or outputs, or an input is outside the range of the inputs'
+            distribution.
         """
         x, y = np.array(inputs), np.array(outputs)
         size = self._limitState.function.getOutputDimension()
         if y.shape[1] != size:
             raise ValueError(f"the known runs have {y.shape[1]} outputs, the function {size}")
         self._limitState.space.refuseOutside(x)
+        ratios = np.full(len(x), np.nan) if law is None else self.densityRatios(x, law)
+        drawn = bool((np.abs(ratios - 1.0) < _SAME_DENSITY).all())
         phase = KNOWN_DRAWN if drawn else KNOWN
         runs = self._limitState.runsOf(self._limitState.space.toStandard(x), x, y, phase, exploring=True)
         self.blocks.append(runs)
         if drawn:
             self.nominal.append(runs)
-        return runs
+        return ratios
+
+    def densityRatios(self, x: np.ndarray, law: ot.Distribution) -> np.ndarray:
+        """Density of the inputs over another one (n,), at physical points (n, d).
+
+        Raises
+        ------
+        ValueError
+            The other one has another dimension.
+        """
+        distribution = self._limitState.distribution
+        if law.getDimension() != distribution.getDimension():
+            raise ValueError(
+                f"the known runs are of a distribution of dimension {law.getDimension()}, the inputs have "
+                f"{distribution.getDimension()}"
+            )
+        own, other = (np.array(part.computeLogPDF(x))[:, 0] for part in (distribution, law))
+        return np.exp(own - other)
 
     def takeComplement(self) -> None:
         """The runs so far, seen from the complement of the event."""

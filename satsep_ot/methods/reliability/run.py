@@ -1,5 +1,6 @@
 """One run of `ActiveSubspaceReliability`: its phases, and how it ends."""
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import Any
@@ -88,7 +89,7 @@ class ReliabilityRun:
         self.modeSampling: ModeSampling | None = None
         self.history: list[tuple[float, float, float, float]] = []
         self._looks = 0
-        self.knownRuns: Runs | None = None
+        self._knownWeights: np.ndarray | None = None
 
     def compute(self) -> ReliabilityOutcome:
         """Make the run.
@@ -121,7 +122,7 @@ class ReliabilityRun:
     def _computePhases(self):
         recorder, limitState = self.recorder, self.limitState
         if self.settings.knownRuns is not None:
-            self.knownRuns = recorder.takeKnown(*self.settings.knownRuns)
+            self._knownWeights = recorder.takeKnown(*self.settings.knownRuns)
         wide = self.initialSize // 2 if limitState.dimension <= FEW_INPUTS else 0
         first = recorder.evaluateNominal(self.initialSize - wide, "learning")
         recorder.checkComposition(first)
@@ -170,13 +171,18 @@ class ReliabilityRun:
                     return ending
 
     def _estimateByKnownRuns(self, blocks):
-        """A first block of the runs that were drawn before: plain Monte Carlo, since the surrogate has learnt them."""
-        known = self.knownRuns
-        if known is None or not self.settings.knownRuns[2]:
+        """A first block of runs that were drawn before, without the surrogate, which has learnt them.
+
+        The variance of a run is expected from the surrogate's failures, never from what the runs themselves gave.
+        """
+        if self._knownWeights is None or self.settings.knownRuns[2] is None:
             return
-        known.weights[:] = 1.0
-        share = blocks[0].surrogateProbability
-        blocks.insert(0, Block(known, 0, blocks[0].known, share * (1.0 - share)))
+        known = dataclasses.replace(self.recorder.blocks[0], weights=self._knownWeights)
+        proposal, share = blocks[0].proposal, blocks[0].surrogateProbability
+        u = proposal.surrogate.expand(proposal.pool.points, self.generator)
+        ratios = self.recorder.densityRatios(self.limitState.space.toPhysical(u), self.settings.knownRuns[2])
+        ratio = float(np.average(ratios, weights=proposal.pool.weights * proposal.failure))
+        blocks.insert(0, Block(known, 0, blocks[0].known, share * max(ratio - share, 0.0)))
 
     def _sampleModes(self, constant: bool) -> ReliabilityOutcome:
         """Importance sampling around failure modes, in which the estimate starts anew."""
@@ -284,7 +290,8 @@ class ReliabilityRun:
             diagnostics["modes"] = float(len(modes.modes))
         else:
             diagnostics["calibration"] = sampling.observedCalibration
-        proposed = sum(block.size for block in sampling.blocks if block.runs is not self.knownRuns)
+        # Only known runs stand before the first ones.
+        proposed = sum(block.size for block in sampling.blocks if block.start > 0)
         nominal = sum(map(len, self.recorder.nominal)) + int(NOMINAL_SHARE * proposed)
         if estimate.failures == 0:
             # The surrogate alone says where failures would be, and true runs have found none there.

@@ -26,7 +26,7 @@ class ReliabilitySettings:
     verdictCoefficientOfVariation: float = math.inf
     mode: str = "fast"
     nonFinitePolicy: str = "raise"
-    knownRuns: tuple[ot.Sample, ot.Sample, bool] | None = None
+    knownRuns: tuple[ot.Sample, ot.Sample, ot.Distribution | None] | None = None
     progressCallback: Callable[[float], None] | None = None
     stopCallback: Callable[[], bool] | None = None
     checkpointFile: Path | None = None
