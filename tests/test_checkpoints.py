@@ -11,7 +11,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot import ActiveSubspaceReliability, ReliabilityComparison
-from satsep_ot.methods.common.run_log import CheckpointFile, IncompleteBlockError, RunLog
+from satsep_ot.methods.common.run_log import CheckpointFile, IncompleteBlockError, RunLog, fingerprintOf
 from satsep_ot.methods.comparison.simulations import MonteCarlo
 
 # The function ends its own process after some runs, in the middle of a block.
@@ -271,6 +271,12 @@ def test_a_comparison_refuses_other_runs_instead_of_a_row(tmp_path):
     (tmp_path / "runs").write_bytes((tmp_path / "other").read_bytes())
     with pytest.raises(ValueError, match="other runs than this computation asks for"):
         comparison(300).run()
+
+
+def test_addresses_of_python_objects_are_no_difference():
+    first, second = object(), object()
+    assert fingerprintOf(method=[first]) == fingerprintOf(method=[second])
+    assert fingerprintOf(method=[1.0]) != fingerprintOf(method=[2.0])
 
 
 def test_two_computations_do_not_share_a_file(tmp_path):

@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 import os
+import re
 from collections import deque
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -16,6 +17,7 @@ from satsep_ot.methods.common.storage import namingFile, writeWhole
 from satsep_ot.openturns_adapter import callFunction, errorMessage, exactText, hasGradient, raiseInterrupt
 
 _FORMAT = "satsep_ot checkpoint 1"
+_ADDRESS = re.compile(" at 0x[0-9a-f]+")
 # After so many runs of a block that fail, no more of them are tried one by one.
 _FAILURES = 3
 # Values of one model agree to this share of themselves, whatever the machine.
@@ -388,4 +390,6 @@ def fingerprintOf(**things: Any) -> dict[str, str]:
     >>> fingerprintOf(law=ot.Normal()) == fingerprintOf(law=ot.Normal(0.0, 1.0 + 1e-15))
     False
     """
-    return {name: hashlib.sha256(exactText(thing).encode()).hexdigest() for name, thing in things.items()}
+    # Where Python prints an address, it is another one in each process.
+    texts = {name: _ADDRESS.sub("", exactText(thing)) for name, thing in things.items()}
+    return {name: hashlib.sha256(text.encode()).hexdigest() for name, text in texts.items()}
