@@ -5,12 +5,12 @@ import shlex
 import sys
 
 from satsep_ot import __version__
-from satsep_ot.commands import benchmark, check, new, report, simulate, study
+from satsep_ot.commands import benchmark, check, compare, new, report, simulate, study
 from satsep_ot.commands.printing import fail
 from satsep_ot.commands.streams import open_standard_streams
 from satsep_ot.interruption import INTERRUPTED, supervise
 
-COMMANDS = (new, check, simulate, study, benchmark, report)
+COMMANDS = (new, check, simulate, study, compare, benchmark, report)
 _EXIT_CODES = (
     "exit codes: 0 success, 1 a separation could not be simulated,\n"
     "  2 bad input, or a file that cannot be read or written,\n"
@@ -84,7 +84,8 @@ def make_parser() -> argparse.ArgumentParser:
         "  satsep-ot check mine.toml          see what the program understands\n"
         "  satsep-ot simulate mine.toml       one nominal run\n"
         "  satsep-ot study mine.toml          probabilities, and a report that one reads\n"
-        "  satsep-ot study                    the same for the reference case of the package\n\n" + _EXIT_CODES,
+        "  satsep-ot study                    the same for the reference case of the package\n"
+        "  satsep-ot compare a.toml b.toml    two designs side by side\n\n" + _EXIT_CODES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"satsep-ot {__version__}")

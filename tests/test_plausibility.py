@@ -7,7 +7,7 @@ import openturns as ot
 import pytest
 
 from satsep_ot.model.case import load_case, parse_case, shipped_cases
-from satsep_ot.model.plausibility import plausibility_warnings, push_energy, requirement_scatter
+from satsep_ot.model.plausibility import plausibility_warnings, push_energy, requirement_scatter, violation_sentences
 
 REFERENCE = load_case("reference").text
 FAST = ("stiffness = 5500.0", "stiffness = 5500.0e3")
@@ -195,8 +195,9 @@ def test_an_arrangement_that_is_meant(old, new):
 def test_walls_are_left_to_their_requirement():
     text = BARE.replace("half_width = 350.0", "half_width = 400.0", 1)
     requirement = '[[requirements]]\nquantity = "clearance"\nminimum = 0.0\n'
-    said = plausibility_warnings(parse_case(text + requirement))
-    assert [one.split(":")[0] for one in said] == ["requirement clearance"]
+    case = parse_case(text + requirement)
+    assert plausibility_warnings(case) == []
+    assert [one.split(":")[0] for one in violation_sentences(case)] == ["clearance"]
 
 
 @pytest.mark.parametrize(("sigma", "warned"), [(0.3, False), (0.01, False), (0.005, True)])
@@ -258,9 +259,6 @@ def test_a_stroke_that_scatters_beyond_its_table():
         ("minimum = 0.590", "maximum = 650.0", "and all of these meet it (650 mm/s? That is 0.65 m/s)"),
         ("minimum = 0.590", "minimum = 0.00059", "(0.00059 km/s? That is 0.59 m/s)"),
         ('"axial_velocity"\nminimum = 0.590', '"release_time"\nmaximum = 100.0', "(100 ms? That is 0.1 s)"),
-        # No unit explains these: they are violated by most separations.
-        ("minimum = 18.0", "minimum = 24.0", "18.2 to 25, and 133 of these meet it"),
-        ("minimum = 18.0", "minimum = 18000.0", "18.2 to 25, and none of these meet it"),
     ],
 )  # fmt: skip
 def test_a_limit_in_a_wrong_unit_is_named_with_the_unit_that_it_seems_to_be_in(old, new, sentence):
@@ -284,6 +282,33 @@ def test_a_limit_in_a_wrong_unit_is_named_with_the_unit_that_it_seems_to_be_in(o
 def test_a_generous_limit_is_no_wrong_unit(old, new):
     assert old in REFERENCE
     assert plausibility_warnings(parse_case(REFERENCE.replace(old, new, 1))) == []
+
+
+@pytest.mark.parametrize(
+    ("limit", "share"),
+    [("24.0", "891 of 1,024"), ("18000.0", "all of 1,024")],
+)
+def test_a_limit_that_no_unit_explains_is_violated_not_implausible(limit, share):
+    case = parse_case(REFERENCE.replace("minimum = 18.0", f"minimum = {limit}", 1))
+    assert plausibility_warnings(case) == []
+    assert violation_sentences(case) == [
+        f"clearance: the case violates this requirement, clearance >= {float(limit):g} mm, in {share} runs (18.2 to 25)"
+    ]
+
+
+def test_a_failed_spring_violates_its_requirements_and_looks_as_it_is_meant():
+    case = parse_case(REFERENCE.replace("# failed = [3]", "failed = [3]", 1).replace("stiffness.each", "stiffness", 1))
+    violated = violation_sentences(case)
+    assert violated[0].startswith(
+        "lateral rate: the case violates this requirement, lateral_rate <= 2.5 deg/s, in all of"
+    )
+    assert not any(one.startswith("requirement") for one in plausibility_warnings(case))
+
+
+def test_a_case_whose_nominal_run_fails_violates_nothing_yet():
+    case = parse_case(BARE.replace("# horizon = 10.0 ", "") + "")
+    late = parse_case("horizon = 0.01\n" + BARE + '[[requirements]]\nquantity = "axial_velocity"\nminimum = 0.1\n')
+    assert violation_sentences(case) == violation_sentences(late) == []
 
 
 def test_scatter_of_a_requirement_is_that_of_its_quantity():

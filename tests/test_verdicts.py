@@ -143,7 +143,10 @@ def test_headlines_of_none_one_and_all():
     assert headline([]) == "The case has no requirements."
     met = Verdict("spin", Status.MET, "", None)
     assert headline([met]) == "The requirement is met with 95 % confidence."
-    assert headline([met, met]) == "Every requirement is met with 95 % confidence."
+    assert (
+        headline([met, met])
+        == "Each requirement is met with 95 % confidence; whether all are met at once was not computed."
+    )
 
 
 def test_no_violation_is_never_a_bare_zero_and_the_caution_is_not_in_each_verdict():

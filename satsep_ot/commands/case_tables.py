@@ -62,6 +62,7 @@ def print_case(console: Console, checked: CheckedCase, given: str) -> None:
     for first, second, coefficient in checked.correlations:
         console.print(f"{escape(first)} and {escape(second)} are correlated: {coefficient:g}")
     console.print(_quantities(checked.quantities))
+    console.print(_hand_formulas(checked.by_hand))
     if scatter:
         console.print(_requirements(scatter))
         console.print()
@@ -74,6 +75,8 @@ def print_case(console: Console, checked: CheckedCase, given: str) -> None:
             f"{runs} where the limits are. For the probability of violating each requirement run "
             f"`satsep-ot study {escape(given)}`."
         )
+    for sentence in checked.violations:
+        console.print(f"[bold]! violated[/bold]  {escape(sentence)}")
     for warning in checked.warnings:
         console.print(f"[bold]! implausible[/bold]  {escape(warning)}")
 
@@ -241,6 +244,13 @@ def _quantities(quantities) -> Table:
     table = make_table("Nominal run", "quantity", ">value", "unit", "what")
     for name, (value, quantity) in quantities.items():
         table.add_row(name, _rounded(value, 9), quantity.unit, quantity.description)
+    return table
+
+
+def _hand_formulas(rows) -> Table:
+    table = make_table("By hand, beside the nominal run", "what", ">by hand", ">in the run", "unit", "formula")
+    for row in rows:
+        table.add_row(row.name, _rounded(row.by_hand, 6), _rounded(row.by_run, 6), row.unit, row.formula)
     return table
 
 

@@ -8,12 +8,16 @@ from satsep_ot.commands.printing import console, report_status, say_if_compiling
 
 NAME = "check"
 SUMMARY = "print a case as it is understood, the range of each uncertain input, and the nominal run"
-EXAMPLES = "  satsep-ot check mine.toml\n  satsep-ot check reference\n  satsep-ot check mine.toml --json"
+EXAMPLES = (
+    "  satsep-ot check mine.toml\n"
+    "  satsep-ot check                  the reference case of the package\n"
+    "  satsep-ot check mine.toml --json"
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Its arguments."""
-    add_case(parser, required=True)
+    add_case(parser)
     parser.add_argument("--json", action="store_true", help="print JSON: inputs, warnings, nominal run, requirements")
 
 

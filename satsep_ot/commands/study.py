@@ -7,6 +7,7 @@ from typing import Any
 
 from satsep_ot.commands import options as types
 from satsep_ot.commands.printing import console, fail, progress
+from satsep_ot.studies.telling.tolerance_curves import Curves
 from satsep_ot.studies.telling.words import DEFAULT_METHODS, StudyMethod
 
 NAME = "study"
@@ -71,6 +72,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="gradients for the active subspaces and surrogates in the report; 0 for none (default: 300)",
     )  # fmt: skip
     parser.add_argument(
+        "--curves", type=Curves, choices=list(Curves), default=Curves.NEEDED, metavar="WHICH",
+        help="the probability against the size of the strongest tolerances by new runs: needed (default), for "
+        "requirements that are not known to be met; all; or none",
+    )  # fmt: skip
+    parser.add_argument(
         "--precision", type=types.precision, metavar="X",
         help="coefficient of variation at which ActiveSubspace ends, from 0.01 to 0.5: 0.05 is a 95 %% interval of "
         "+-10 %%, half of it takes up to four times as many runs (default: as soon as each requirement is decided, and "
@@ -119,6 +125,7 @@ def run(options: argparse.Namespace) -> int | None:
         sizes["tolerances"],
         sizes["precision"],
         not options.no_screening,
+        options.curves,
     )
     if sizes["runs"] >= _WORTH_PROCESSES:
         study.setProcessNumber(options.workers or len(os.sched_getaffinity(0)))

@@ -11,6 +11,7 @@ import tomllib
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import openturns as ot
 
@@ -217,7 +218,29 @@ def parse_case(text: str, file: str = "case") -> Case:
     ...     print(error)
     mine.toml: platform.mas is not a known key; did you mean 'mass'?
     """
-    data = _toml(text, file)
+    return case_from_data(_toml(text, file), file, text)
+
+
+def case_from_data(data: dict[str, Any], file: str, text: str = "") -> Case:
+    """The case that plain data say, as a TOML file holds them.
+
+    Parameters
+    ----------
+    data : dict
+    file : str
+        Name of the file, for messages; force-stroke tables are looked for beside it.
+    text : str
+        Text of the file.
+
+    Returns
+    -------
+    case : Case
+
+    Raises
+    ------
+    CaseError
+        As for `load_case`.
+    """
     top = Table(file, TABLES[""], data, inner=[name for name in TABLES if name and "." not in name])
     files: dict[str, str] = {}
     separation = read_separation(top, files)

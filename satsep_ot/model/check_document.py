@@ -9,7 +9,13 @@ from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate
 from satsep_ot.model.case import Case
 from satsep_ot.model.distributions import correlated_pairs, quantile_range
-from satsep_ot.model.plausibility import RequirementScatter, plausibility_warnings, requirement_scatter
+from satsep_ot.model.hand_formulas import HandFormula, hand_formulas
+from satsep_ot.model.plausibility import (
+    RequirementScatter,
+    plausibility_warnings,
+    requirement_scatter,
+    violation_sentences,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -30,6 +36,10 @@ class CheckedCase:
         Correlated inputs with the coefficient of their normal copula.
     warnings : list of str
         What is hardly meant.
+    violations : list of str
+        Requirements that most runs violate, where nothing speaks for a slip in the file.
+    by_hand : list of :class:`satsep_ot.model.hand_formulas.HandFormula`
+        What can be computed without a simulator.
     """
 
     case: Case
@@ -39,6 +49,8 @@ class CheckedCase:
     scatter: list[RequirementScatter]
     correlations: list[tuple[str, str, float]]
     warnings: list[str]
+    violations: list[str]
+    by_hand: list[HandFormula]
 
 
 def check_case(case: Case) -> CheckedCase:
@@ -72,6 +84,8 @@ def check_case(case: Case) -> CheckedCase:
         requirement_scatter(case),
         correlated_pairs([row.name for row in case.inputs], case.copula),
         plausibility_warnings(case),
+        violation_sentences(case),
+        hand_formulas(case.separation),
     )
 
 
@@ -107,12 +121,21 @@ def check_document(checked: CheckedCase) -> dict[str, Any]:
             for first, second, coefficient in checked.correlations
         ],
         "nominal": {
-            name: {"value": None if math.isnan(value) else value, "unit": quantity.unit}
+            name: {"value": _finite(value), "unit": quantity.unit}
             for name, (value, quantity) in checked.quantities.items()
         },
+        "by_hand": [
+            {"name": row.name, "unit": row.unit, "by_hand": _finite(row.by_hand), "by_run": _finite(row.by_run)}
+            for row in checked.by_hand
+        ],
         "requirements": [_requirement(row) for row in checked.scatter],
+        "violations": checked.violations,
         "warnings": checked.warnings,
     }
+
+
+def _finite(value):
+    return value if math.isfinite(value) else None
 
 
 def _requirement(row):

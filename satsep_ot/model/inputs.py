@@ -47,6 +47,24 @@ class Target:
 
 
 @dataclass(frozen=True)
+class ToleranceClass:
+    """A size of a tolerance that can be bought.
+
+    Parameters
+    ----------
+    label : str
+        As the case file has it.
+    scale : float
+        Its size over the size of the case.
+    price : float
+    """
+
+    label: str
+    scale: float
+    price: float
+
+
+@dataclass(frozen=True)
 class UncertainInput:
     """One uncertain input: parameter = nominal parameter + factor * (input - reference), for each of its parameters.
 
@@ -72,6 +90,8 @@ class UncertainInput:
         As of its `Target`; empty and 0 for an input that has a description of its own.
     is_shared : bool
         Whether all satellites of a fleet share its value.
+    classes : tuple of ToleranceClass
+        Sizes of its tolerance that can be bought.
 
     Examples
     --------
@@ -94,6 +114,7 @@ class UncertainInput:
     number: int = 0
     group: str = ""
     is_shared: bool = False
+    classes: tuple[ToleranceClass, ...] = ()
 
     @property
     def label(self) -> str:

@@ -53,7 +53,9 @@ from satsep_ot.model.values import (
     PerSpring,
     Points,
     PointsOrNumber,
+    Prices,
     Scatter,
+    Scatters,
     Share,
     SpringCount,
     SpringNumbers,
@@ -386,6 +388,10 @@ INPUT = CaseTable("inputs", "An uncertain input.", (
         "name of the tolerance that the input belongs to: inputs of one group are tightened together. By default "
         "`.each` makes one group, and so do x and z of a centre of mass, of rates and of a mounting error", ABSENT,
         "see there"),
+    Row("classes", Scatters(),
+        "sizes that can be bought in place of that of `sigma`, `three_sigma` or `plus_minus`: a study searches the "
+        "cheapest set of classes that meets all allowed probabilities; in one input of a group, for all of it", ABSENT),
+    Row("prices", Prices(), "prices of the classes", ABSENT, "each step to a tighter class costs 1"),
     Row("shared", Flag(),
         "whether all satellites of a `fleet` share the value, as one stage or one batch of springs does", False),
     # The distribution's parameters, sigma among them, are further keys.

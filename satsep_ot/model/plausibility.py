@@ -362,30 +362,73 @@ def _scattered_runs(case):
 
 
 def _requirement_warnings(case):
+    """Limits that would be likely ones in another unit."""
     for row in requirement_scatter(case):
-        if not math.isfinite(row.median):
+        if not math.isfinite(row.median) or row.requirement.center is not None:
             continue
-        requirement = row.requirement
-        violated = not requirement.is_met(row.median)
-        hint = _other_unit(row)
-        # Other units are only guessed of limits on the quantity itself.
-        hint = hint if requirement.center is None else None
+        requirement, hint = row.requirement, _other_unit(row)
         far = max(abs(row.median), abs(requirement.limit)) > _FAR * min(abs(row.median), abs(requirement.limit))
         within = row.smallest <= requirement.limit <= row.largest
-        if not violated and (hint is None or within or not far):
+        violated = not requirement.is_met(row.median)
+        # A case with a failed spring violates limits that are meant as they are.
+        if hint is None or not (violated or (far and not within)):
             continue
-        runs = ""
-        if row.runs:
-            met = "all" if row.met == row.runs else f"{row.met:,}" if row.met else "none"
-            runs = (
-                f", {row.runs:,} scattered ones {_short(row.smallest)} to {_short(row.largest)}, and {met} of these "
-                f"meet{'s' if row.met == 1 else ''} it"
-            )
         yield (
             f"requirement {requirement.name}: {requirement} {row.unit}, but the nominal run has {_short(row.nominal)}"
-            + runs
-            + (f" ({hint})" if hint else "")
+            f"{_scattered(row)} ({hint})"
         )
+
+
+def _scattered(row):
+    """What the scattered runs have, in words."""
+    if not row.runs:
+        return ""
+    met = "all" if row.met == row.runs else f"{row.met:,}" if row.met else "none"
+    return (
+        f", {row.runs:,} scattered ones {_short(row.smallest)} to {_short(row.largest)}, and {met} of these "
+        f"meet{'s' if row.met == 1 else ''} it"
+    )
+
+
+def violation_sentences(case: Case) -> list[str]:
+    """Requirements that most of the scattered runs violate, where no other unit of the limit would explain that.
+
+    Parameters
+    ----------
+    case : :class:`satsep_ot.model.case.Case`
+
+    Returns
+    -------
+    sentences : list of str
+
+    Examples
+    --------
+    >>> from satsep_ot.model.case import load_case
+    >>> from satsep_ot.model.plausibility import violation_sentences
+    >>> violation_sentences(load_case("reference"))
+    []
+    """
+    return [
+        _violation(row)
+        for row in requirement_scatter(case)
+        if _is_violated(row) and (row.requirement.center is not None or _other_unit(row) is None)
+    ]
+
+
+def _is_violated(row):
+    """Whether most runs violate a requirement; not where there are none that ended well."""
+    if not math.isfinite(row.median):
+        return False
+    return 2 * row.met < row.runs if row.runs else not row.requirement.is_met(row.nominal)
+
+
+def _violation(row):
+    entry, missed = row.requirement, row.runs - row.met
+    case = f"{entry.name}: the case violates this requirement, {entry} {row.unit},"
+    if not row.runs:
+        return f"{case} in its nominal run ({_short(row.nominal)})"
+    share = f"all of {row.runs:,}" if missed == row.runs else f"{missed:,} of {row.runs:,}"
+    return f"{case} in {share} runs ({_short(row.smallest)} to {_short(row.largest)})"
 
 
 def _short(value):

@@ -593,6 +593,36 @@ class Scatter(Value):
         return {"anyOf": [number, {"type": "string", "pattern": "^ *[0-9.eE+-]+ *%$"}]}
 
 
+@dataclass(frozen=True)
+class Scatters(Value):
+    """Sizes of a scatter, as the file has them: the reader of the input says which are allowed."""
+
+    def allowed(self, count: int = 0) -> str:
+        return "a list of at least two different sizes, such as ['1 %', '3 %']"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        return isinstance(given, list) and len(given) > 1 and len(set(map(str, given))) == len(given)
+
+    def schema(self) -> dict[str, Any]:
+        return {**_list_of(Scatter().schema(), 2), "uniqueItems": True}
+
+
+@dataclass(frozen=True)
+class Prices(Value):
+    """A list of numbers that are not negative."""
+
+    def allowed(self, count: int = 0) -> str:
+        each = f"{count} of them, " if count else ""
+        return f"a list of finite, non-negative numbers, {each}one for each class"
+
+    def accepts(self, given: Any, count: int = 0) -> bool:
+        is_list = isinstance(given, list) and len(given) == (count or len(given))
+        return is_list and all(is_number(price) and price >= 0 for price in given)
+
+    def schema(self) -> dict[str, Any]:
+        return _list_of({"type": "number", "minimum": 0}, 2)
+
+
 def _list_of(item, least, most=None):
     limits = {"minItems": least} | ({} if most is None else {"maxItems": most})
     return {"type": "array", "items": item, **limits}

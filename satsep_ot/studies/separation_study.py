@@ -32,6 +32,7 @@ from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.openturns_object import OpenTURNSObject
 from satsep_ot.studies import drivers
+from satsep_ot.studies.class_choice import class_choice, tolerance_classes
 from satsep_ot.studies.deprecated_accessors import DeprecatedAccessors
 from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.exceedance import exceedance_curves
@@ -43,6 +44,7 @@ from satsep_ot.studies.screening import screened
 from satsep_ot.studies.steps import Made, Step, StudySteps, begin_processes, make_steps
 from satsep_ot.studies.surrogates import fit_component, sample_gradients, sample_surrogates
 from satsep_ot.studies.telling.animation import animation_data
+from satsep_ot.studies.telling.class_choice import ClassChoice
 from satsep_ot.studies.telling.document import partial_document, results_document
 from satsep_ot.studies.telling.failure_mixture import FailureMixture
 from satsep_ot.studies.telling.fleet import FleetEstimate
@@ -67,8 +69,10 @@ from satsep_ot.studies.telling.results import (
     StudyResult,
     Tolerance,
 )
+from satsep_ot.studies.telling.tolerance_curves import CurvePoint, Curves, RequirementCurves
 from satsep_ot.studies.telling.verdicts import SMALLEST_PRECISION, best_estimate
 from satsep_ot.studies.telling.words import DEFAULT_METHODS, StudyMethod
+from satsep_ot.studies.tolerance_curves import requirement_curves
 
 STUDY_METHODS = tuple(StudyMethod)
 # What a study writes, beside the case and its tables.
@@ -82,7 +86,7 @@ _DRAWN = 200_000
 _SMALLEST_SHARE = 0.01
 # Where each step of a study begins, as a share of the whole.
 _SUBSPACES_BEGIN, _METHODS_BEGIN, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN, _FIGURES_BEGIN = 0.3, 0.38, 0.65, 0.85, 0.88
-_FAILURES_BEGIN = 0.86
+_CURVES_BEGIN, _CLASSES_BEGIN, _FAILURES_BEGIN = 0.855, 0.86, 0.87
 _STAGES = (
     (_SUBSPACES_BEGIN, "active subspaces"), (_METHODS_BEGIN, "methods"), (_TOLERANCES_BEGIN, "halved tolerances"),
     (_FIGURES_BEGIN, "figures and report"),
@@ -119,6 +123,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     screening : bool
         Whether a requirement that the sample shows to be met by a factor of ten is left at that: no other method runs
         on it, no tolerance of it is halved.
+    curves : :class:`satsep_ot.studies.telling.tolerance_curves.Curves`
+        For which requirements the probability against the size of their strongest tolerances is made by new runs:
+        NEEDED for those that are not known to be met, ALL, or NONE for no curves at all.
 
     Raises
     ------
@@ -147,6 +154,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         toleranceSize: int = 2,
         targetCoefficientOfVariation: float | None = None,
         screening: bool = True,
+        curves: Curves = Curves.NEEDED,
     ) -> None:
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
@@ -172,6 +180,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._toleranceSize = int(toleranceSize)
         self._target = None if target is None else float(target)
         self._screening = bool(screening)
+        self._curveRuns = Curves(curves)
         self._steps = StudySteps(problem, self._seed, self._target, self._toleranceSize > 0)
         self._processNumber = 1
         self._names = [*problem.getRequirementNames(), SYSTEM]
@@ -195,6 +204,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._ratios: dict[str, dict[str, float]] = {}
         self._halved: dict[str, tuple[HalvedTolerance, ...]] = {}
         self._violations: dict[str, Violation] = {}
+        self._curves: dict[str, RequirementCurves] = {}
+        self._classes: ClassChoice | None = None
         self._mixtures: dict[str, FailureMixture] = {}
         self._fleet: dict[str, FleetEstimate] = {}
 
@@ -250,6 +261,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             "tolerances": self._toleranceSize,
             "precision": self._target,
             "screening": self._screening,
+            "curves": self._curveRuns.value,
             "methods": to_plain(self._methods),
             "versions": package_versions(),
         }
@@ -317,6 +329,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self.computeDrivers()
         self.computeTolerances()
         self.computeViolations()
+        self.computeCurves()
+        self.computeClasses()
         self.computeFailures()
         self.computeFleet()
         self._complete = True
@@ -510,6 +524,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             seconds=self._summary.seconds,
             converged=True,
             note=note,
+            upper_together=clopperPearson(violations, size, self._steps.level_together)[1],
         )
 
     def _openRequirements(self):
@@ -591,6 +606,58 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """The probability of each violation with its bounds, of those that a verdict may rest on."""
         best = {name: best_estimate(row for row in self._rows if row.requirement == name) for name in self._names}
         return {name: tuple(row.interval) for name, row in best.items() if row is not None and row.interval is not None}
+
+    def computeCurves(self) -> None:
+        """The probability of each violation against the size of its strongest tolerances, and what size is allowed."""
+        if not self._shares:
+            self.computeDrivers()
+        case, known = self._problem.getCase(), self._known()
+        for index, entry in enumerate(case.requirements):
+            wanted = self._curveRuns is not Curves.NONE and self._toleranceSize > 0
+            if not wanted or entry.name not in known or entry.name in self._screened:
+                continue
+            interval, result = known[entry.name], self._results.get(entry.name)
+            now = CurvePoint(1.0, *interval)
+            is_open = entry.allowed_probability is not None and not now.meets(entry.allowed_probability)
+            makes_runs = self._curveRuns is Curves.ALL or (self._curveRuns is Curves.NEEDED and is_open)
+            _, shares = self._shares[entry.name]
+            halved = sorted(self._halved.get(entry.name, ()), key=lambda row: row.probability or 0.0)
+            names = list(dict.fromkeys([*(row.tolerance for row in halved), *shares]))[: max(2, self._toleranceSize)]
+            begin = _CURVES_BEGIN + (_CLASSES_BEGIN - _CURVES_BEGIN) * index / len(case.requirements)
+            self._curves[entry.name] = self._step(
+                [entry.name, "curves"],
+                RequirementCurves,
+                functools.partial(
+                    requirement_curves,
+                    case,
+                    entry.name,
+                    entry.allowed_probability,
+                    now,
+                    names,
+                    result,
+                    makes_runs,
+                    {row.tolerance: _half_point(row) for row in halved},
+                    self._seed,
+                    functools.partial(self._tellAt, begin),
+                ),
+            )
+
+    def _tellAt(self, begin, label, share):
+        """Report the progress of what takes no share of the whole that is worth counting."""
+        self._tell(label, begin)
+
+    def computeClasses(self) -> None:
+        """The cheapest set of classes that meets all limits; nothing where the case has none."""
+        case = self._problem.getCase()
+        if tolerance_classes(case) and any(entry.allowed_probability for entry in case.requirements):
+            span = _FAILURES_BEGIN - _CLASSES_BEGIN
+            self._classes = self._step(
+                ["classes"],
+                ClassChoice,
+                lambda: class_choice(
+                    case, self._seed, lambda label, share: self._tell(label, _CLASSES_BEGIN + span * share)
+                ),
+            )
 
     def computeFailures(self) -> None:
         """The probability of each violation with the failures of parts that the case names; nothing without any."""
@@ -686,6 +753,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             },
             components={name: ComponentSummary.of(part) for name, part in self._components.items()},
             diagnostics={name: Diagnostics.of(result) for name, result in self._results.items()},
+            curves=dict(self._curves),
+            classes=self._classes,
             failures=dict(self._mixtures),
             fleet=dict(self._fleet),
             correlated=case.copula is not None,
@@ -792,6 +861,11 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         if self._directory is None:
             raise ValueError("there is no directory to write to; give one, or call setDirectory() before run()")
         return self._directory
+
+
+def _half_point(row):
+    """A halved tolerance as a point of its curve."""
+    return CurvePoint(row.scale, row.probability, row.lower95, row.upper95, row.evaluations or 0, row.converged)
 
 
 def _writeResults(directory, document):

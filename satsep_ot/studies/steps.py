@@ -80,6 +80,11 @@ class StudySteps:
         digits = np.frombuffer("/".join(names).encode(), dtype=np.uint8)
         ot.RandomGenerator.SetSeed(int(np.random.SeedSequence([self.seed, *digits]).generate_state(1)[0] >> 1))
 
+    @property
+    def level_together(self) -> float:
+        """The level of each interval at which those of all requirements hold at once with 95 % (Bonferroni)."""
+        return 1.0 - 0.05 / len(self.problem.getRequirements())
+
     def event(self, requirement: str) -> ot.RandomVector:
         """The event that a requirement, or any of them, is violated."""
         return self.problem.getSystemEvent() if requirement == SYSTEM else self.problem.getEvent(requirement)
@@ -170,6 +175,7 @@ class StudySteps:
             note=result.getEndingSentence(),
             audits=result.getAuditNumber(),
             audit_spread=result.getAuditSpread(),
+            upper_together=result.getConfidenceInterval(self.level_together).getUpperBound()[0],
         )
         return Made(estimate, result.getTrueRuns(self._output_description(requirement)), result)
 

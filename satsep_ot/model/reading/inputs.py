@@ -11,12 +11,22 @@ import openturns as ot
 from satsep_ot.dynamics.parameter_vector import Sign
 from satsep_ot.dynamics.separation import Separation
 from satsep_ot.model.distributions import build_distribution, normal_copula
-from satsep_ot.model.inputs import Target, UncertainInput, check_range, nominal_parameters, scatter_targets
+from satsep_ot.model.inputs import (
+    Target,
+    ToleranceClass,
+    UncertainInput,
+    check_range,
+    nominal_parameters,
+    scatter_targets,
+)
 from satsep_ot.model.parameters import INPUT, SCATTER_KEYS, parameter_rows
 from satsep_ot.model.reading.table import CaseError, Table, example_of, shown, shown_key
 from satsep_ot.model.spelling import did_you_mean
 from satsep_ot.model.text import parsed_number
 from satsep_ot.model.values import Name, Number, Unit
+
+# Springs with a force-stroke table do not have these.
+_LINEAR_ONLY = ("springs.stiffness", "springs.deformation")
 
 
 def read_inputs(file: str, entries: Any, separation: Separation) -> tuple[UncertainInput, ...]:
@@ -64,7 +74,20 @@ def read_inputs(file: str, entries: Any, separation: Separation) -> tuple[Uncert
                 row, entry=name, group=table.read("group") or "", is_shared=table.read("shared")
             )
     groups = _default_groups(inputs.values())
-    return tuple(replace(row, group=row.group or groups[row.entry]) for row in inputs.values())
+    rows = tuple(replace(row, group=row.group or groups[row.entry]) for row in inputs.values())
+    _check_classes(file, rows)
+    return rows
+
+
+def _check_classes(file, rows):
+    """Refuse two inputs of one group that have classes of their own: a group is bought as a whole."""
+    entries: dict[str, str] = {}
+    for row in rows:
+        if row.classes and entries.setdefault(row.group, row.entry) != row.entry:
+            raise CaseError(
+                f"{file}: inputs.{shown_key(entries[row.group])} and inputs.{shown_key(row.entry)} are of the group "
+                f"{row.group} and both have classes; give them in one of the two, or take the other out by its `group`"
+            )
 
 
 def _default_groups(inputs):
@@ -119,6 +142,12 @@ def _targets(table, name, targets):
         numbered = {key for entries in each.values() for key in entries.values()}
         general = [key for key in targets if key not in numbered]
         hint = did_you_mean(quantity, [*general, *each]) or f" such as {example_of(general)}"
+        if quantity.startswith(_LINEAR_ONLY) and "springs.scale" in targets:
+            ending = quantity[quantity.rindex(".") :] if quantity.count(".") > 1 else ""
+            hint = (
+                f"; springs with a force-stroke table have no such number: 'springs.scale{ending}', the factor of the "
+                "force, scatters instead"
+            )
         raise table.error("quantity", f"a quantity of this case{hint}")
     return [(name, targets[quantity])]
 
@@ -147,6 +176,7 @@ def _input(table, name, target: Target, nominal):
             factor=target.unit.factor,
             reference=reference,
             key=target.key,
+            classes=_classes(table, kind, target.unit, reference),
             series=series,
             number=number,
         )
@@ -172,19 +202,43 @@ def _distribution(table, kind, unit, reference):
     return build_distribution("Normal", {"mu": mean, "sigma": size / 3.0 if kind == "three_sigma" else size})
 
 
-def _scatter_size(table, kind, unit, reference):
-    """The size of a scatter given as a number or as a percentage of the nominal value."""
-    value, size = table.data[kind], Number(unit, Sign.POSITIVE)
+def _classes(table, kind, unit, reference):
+    """The classes of a tolerance, by their size over the one that the input has."""
+    labels = table.read("classes")
+    if labels is None:
+        if "prices" in table:
+            raise table.problem(f"{table.path}.prices needs `classes`")
+        return ()
+    if kind == "distribution":
+        raise table.error("classes", "left out beside `distribution`, which has no size that could be another")
+    size = _scatter_size(table, kind, unit, reference)
+    sizes = [_scatter_size(table, "classes", unit, reference, label) for label in labels]
+    prices = table.read("prices", len(labels))
+    if prices is None:
+        # The place from the loosest one on.
+        prices = [sum(other > one for other in sizes) for one in sizes]
+    found = zip(labels, sizes, prices, strict=True)
+    return tuple(ToleranceClass(_label(label, unit), one / size, float(price)) for label, one, price in found)
+
+
+def _label(label, unit):
+    return label if isinstance(label, str) else f"{label:g} {unit.name}".strip()
+
+
+def _scatter_size(table, kind, unit, reference, value=None):
+    """The size of a scatter given as a number or as a percentage of the nominal value; `value` is one of a list."""
+    value, size = table.data[kind] if value is None else value, Number(unit, Sign.POSITIVE)
     percent = _percent(value)
     if percent is not None:
         share = 0.01 * percent * abs(reference)
         if size.accepts(share):
             return share
         if reference == 0.0 and size.accepts(percent):
-            raise table.error(kind, f"a number in {unit.name}: the nominal value is 0, which has no percentage")
+            what = f"a number in {unit.name}: the nominal value is 0, which has no percentage"
+            raise table.error(kind, what, value)
     elif size.accepts(value):
         return float(value)
-    raise table.error(kind, f"{size.allowed()}, or a percentage such as '1.5 %'")
+    raise table.error(kind, f"{size.allowed()}, or a percentage such as '1.5 %'", value)
 
 
 def _percent(value):
@@ -196,7 +250,8 @@ def _input_names(table, name, inputs):
     """The inputs that a name stands for: one, or all of an entry that makes one for every spring."""
     found = [row.name for row in inputs if name in (row.name, row.entry)]
     if not found:
-        known = [row.name for row in inputs]
+        # The name of an entry before those of its springs.
+        known = list(dict.fromkeys([*(row.entry for row in inputs), *(row.name for row in inputs)]))
         hint = did_you_mean(name, known) or (
             f"; there are {', '.join(known[:4])}, ..." if known else "; there are none"
         )

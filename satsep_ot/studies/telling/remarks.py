@@ -4,7 +4,7 @@ from satsep_ot.dynamics.separation import Status as SeparationStatus
 from satsep_ot.dynamics.simulation import contact_events, simulate
 from satsep_ot.model.case import SYSTEM, Case
 from satsep_ot.studies.telling.results import RequirementEntry, StudyResult
-from satsep_ot.studies.telling.verdicts import best_estimate, contradiction, estimate_by
+from satsep_ot.studies.telling.verdicts import any_violation, best_estimate, contradiction, estimate_by
 from satsep_ot.studies.telling.words import (
     DESIGN_POINT_METHODS,
     METHOD_LIMITS,
@@ -119,7 +119,8 @@ def _span(begin, end):
 def remarks(result: StudyResult) -> list[str]:
     """Sentences on methods that contradict the estimate that a verdict rests on: by how much, and why."""
     entries = {entry.name: entry for entry in result.requirements}
-    sentences = []
+    told = any_violation(result)
+    sentences = [told.remark] if told is not None and told.remark else []
     for requirement, rows in result.rows_by_requirement().items():
         best, doubt = best_estimate(rows), contradiction(rows)
         if doubt:

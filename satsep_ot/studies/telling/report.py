@@ -25,7 +25,16 @@ from satsep_ot.studies.telling.fleet import fleet_lines
 from satsep_ot.studies.telling.plain_data import to_plain
 from satsep_ot.studies.telling.remarks import audit_remarks, limits, remarks
 from satsep_ot.studies.telling.results import Estimate, RequirementEntry, Section, StudyResult, main_quantities
-from satsep_ot.studies.telling.verdicts import Status, Verdict, best_estimate, contradiction, headline, judge_all
+from satsep_ot.studies.telling.tolerance_curves import curve_lines, curve_rows
+from satsep_ot.studies.telling.verdicts import (
+    Status,
+    Verdict,
+    any_violation,
+    best_estimate,
+    contradiction,
+    headline,
+    judge_all,
+)
 from satsep_ot.studies.telling.words import (
     METHOD_DESCRIPTIONS,
     fewer_than,
@@ -123,7 +132,7 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
     template = (resources.files("satsep_ot.studies.telling") / "report.html").read_text(encoding="utf-8")
     by_requirement = result.rows_by_requirement()
     best = {name: best_estimate(rows) for name, rows in by_requirement.items()}
-    advice, verdicts = tightening_advice(result), judge_all(result)
+    advice, verdicts, told = tightening_advice(result), judge_all(result), any_violation(result)
     return environment.from_string(template).render(
         result=result,
         pictures=pictures,
@@ -140,11 +149,14 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         exceedances=_script_json(to_plain(result.exceedances)),
         by_requirement=by_requirement,
         best=best,
-        any_requirement=best.get(SYSTEM),
+        any_requirement=None if told is None else told.row,
         doubt=contradiction(by_requirement.get(SYSTEM, ())),
         interval=interval_text,
         in_words=in_words,
         advice=advice,
+        sizes=list(curve_lines(result.curves)),
+        curve_rows={name: curve_rows(found) for name, found in result.curves.items()},
+        classes=[] if result.classes is None else list(result.classes.lines()),
         mixture=list(mixture_lines(result.failures)),
         fleet=list(fleet_lines(result.fleet)),
         advised=advice_sentences(result),

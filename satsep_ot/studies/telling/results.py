@@ -16,9 +16,11 @@ from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.subspaces.result import ActiveSubspaceResult
 from satsep_ot.model.case import Case, Requirement
 from satsep_ot.model.inputs import UncertainInput
+from satsep_ot.studies.telling.class_choice import ClassChoice
 from satsep_ot.studies.telling.failure_mixture import FailureMixture
 from satsep_ot.studies.telling.fleet import FleetEstimate
 from satsep_ot.studies.telling.scatter import describe_inputs, describe_scatters
+from satsep_ot.studies.telling.tolerance_curves import RequirementCurves
 from satsep_ot.studies.telling.words import StudyMethod
 
 
@@ -67,6 +69,8 @@ class Estimate:
         Wide runs that looked in all directions for failures that the estimate lacks; 0 for a method without any.
     audit_spread : float
         Standard deviation of the last of them, in standard space.
+    upper_together : float or None
+        Upper bound at the level at which the bounds of all requirements hold at once with 95 % (Bonferroni).
     """
 
     requirement: str
@@ -82,6 +86,7 @@ class Estimate:
     note: str = ""
     audits: int = 0
     audit_spread: float = 0.0
+    upper_together: float | None = None
 
     @property
     def interval(self) -> Interval | None:
@@ -390,6 +395,7 @@ class Section(enum.StrEnum):
     ANSWER = "answer"  # of results of version 0.1.0 alone
     DRIVERS = "drivers"
     TIGHTENED = "tightened"
+    SIZES = "sizes"
     DENSITIES = "densities"
     EXCEEDANCES = "exceedances"
     EIGENVALUES = "eigenvalues"
@@ -449,6 +455,10 @@ class StudyResult:
         every requirement. None where there is no sample.
     touched : float or None
         Share of the runs of the sample in which the bodies touched each other; None without contact.
+    curves : dict of str to RequirementCurves
+        By requirement, the probability against the size of its strongest tolerances.
+    classes : ClassChoice or None
+        The cheapest set of classes of tolerances; None where the case has no classes.
     failures : dict of str to FailureMixture
         By requirement, the probability with failures of parts; empty where the case names none.
     fleet : dict of str to FleetEstimate
@@ -485,6 +495,8 @@ class StudyResult:
     sunk: int | None = None
     touched: float | None = None
     processors: tuple[str, ...] = ()
+    curves: dict[str, RequirementCurves] = dataclasses.field(default_factory=dict)
+    classes: ClassChoice | None = None
     failures: dict[str, FailureMixture] = dataclasses.field(default_factory=dict)
     fleet: dict[str, FleetEstimate] = dataclasses.field(default_factory=dict)
     inputs: tuple[InputEntry, ...] = ()

@@ -13,7 +13,9 @@ from satsep_ot.studies.telling.failure_mixture import mixture_lines
 from satsep_ot.studies.telling.fleet import fleet_lines
 from satsep_ot.studies.telling.remarks import audit_remarks, remarks
 from satsep_ot.studies.telling.results import StudyResult
-from satsep_ot.studies.telling.verdicts import headline, judge_all
+from satsep_ot.studies.telling.tolerance_curves import curve_lines
+from satsep_ot.studies.telling.verdicts import any_violation, headline, judge_all
+from satsep_ot.studies.telling.words import interval_text, probability_text
 
 
 def escape(text: str) -> str:
@@ -62,6 +64,11 @@ def print_study(console: Console, result: StudyResult) -> None:
     """
     verdicts = judge_all(result)
     console.print(f"[bold]{escape(headline(verdicts))}[/bold]")
+    told = any_violation(result)
+    if told is not None:
+        row = told.row
+        interval = interval_text(row.lower95, row.upper95)
+        console.print(f"Any requirement violated: {probability_text(row.probability)} ({interval})")
     for verdict in verdicts:
         console.print(f"  {escape(verdict.requirement)}: {escape(verdict.sentence)}")
     console.print()
@@ -72,12 +79,21 @@ def print_study(console: Console, result: StudyResult) -> None:
     console.print()
     for remark in [*remarks(result), *audit_remarks(result)]:
         console.print(f"[bold]![/bold] {escape(remark)}")
-    for line in [*mixture_lines(result.failures), *fleet_lines(result.fleet)]:
+    for line in further_lines(result):
         console.print(escape(line))
     for requirement, sentence in advice_sentences(result).items():
         console.print(f"[bold]{escape(requirement)}[/bold]: {escape(sentence)}")
     for line in tightened_lines(result):
         console.print(escape(line))
+
+
+def further_lines(result: StudyResult) -> Iterator[str]:
+    """What else was asked of the study: sizes of tolerances, classes, failures of parts, the fleet; a line each."""
+    yield from curve_lines(result.curves)
+    if result.classes is not None:
+        yield from result.classes.lines()
+    yield from mixture_lines(result.failures)
+    yield from fleet_lines(result.fleet)
 
 
 def estimates_table(result: StudyResult) -> Table:

@@ -5,6 +5,7 @@ import enum
 import math
 from collections.abc import Iterable, Sequence
 
+from satsep_ot.model.case import SYSTEM
 from satsep_ot.studies.telling.results import Estimate, HalvedTolerance, Interval, StudyResult
 from satsep_ot.studies.telling.words import (
     DECIDING_METHODS,
@@ -55,6 +56,9 @@ class Verdict:
         The estimate that it rests on.
     doubt : bool
         Whether the intervals of two methods do not overlap.
+    is_met_together : bool or None
+        Whether it is met at the level at which all requirements are met at once with 95 % confidence; None where that
+        is not known.
     """
 
     requirement: str
@@ -62,6 +66,7 @@ class Verdict:
     sentence: str
     row: Estimate | None
     doubt: bool = False
+    is_met_together: bool | None = None
 
     @property
     def is_plain(self) -> bool:
@@ -185,7 +190,8 @@ def judge(requirement: str, rows: Sequence[Estimate], allowed: float | None = No
         return Verdict(requirement, Status.NO_ALLOWANCE, sentence, row)
     limit = probability_text(allowed)
     if upper <= allowed:
-        return Verdict(requirement, Status.MET, f"{known}: within the allowed {limit}.", row, bool(doubt))
+        together = None if doubt or row.upper_together is None else row.upper_together <= allowed
+        return Verdict(requirement, Status.MET, f"{known}: within the allowed {limit}.", row, bool(doubt), together)
     if lower > allowed:
         return Verdict(requirement, Status.NOT_MET, f"{known}: above the allowed {limit}.", row, bool(doubt))
     cure = "More runs, or another seed, show which of the two is right." if doubt else what_decides(row, allowed)
@@ -279,7 +285,7 @@ def _with_failures(verdict, mixture, allowed):
         return dataclasses.replace(verdict, sentence=sentence)
     status = Status.MET if mixture.upper95 <= allowed else Status.UNDECIDED
     status = Status.NOT_MET if mixture.lower95 > allowed else status
-    return dataclasses.replace(verdict, status=status, sentence=f"{sentence} The sum decides.")
+    return dataclasses.replace(verdict, status=status, sentence=f"{sentence} The sum decides.", is_met_together=None)
 
 
 def headline(verdicts: Sequence[Verdict]) -> str:
@@ -305,8 +311,69 @@ def headline(verdicts: Sequence[Verdict]) -> str:
     for verdict in verdicts:
         groups.setdefault(verdict.status, []).append(verdict.requirement)
     if list(groups) == [Status.MET]:
-        return f"{'Every' if len(verdicts) > 1 else 'The'} requirement is met with 95 % confidence."
+        if len(verdicts) == 1:
+            return "The requirement is met with 95 % confidence."
+        return f"Each requirement is met with 95 % confidence{_together(verdicts)}."
     return " ".join(text.format(", ".join(groups[status])) for status, text in _HEADLINES.items() if status in groups)
+
+
+def _together(verdicts):
+    """Whether requirements that are met one by one are met at once, with 95 % confidence for that."""
+    known = [verdict.is_met_together for verdict in verdicts]
+    if None in known:
+        return "; whether all are met at once was not computed"
+    if all(known):
+        return ", and so are all at once"
+    names = ", ".join(verdict.requirement for verdict in verdicts if not verdict.is_met_together)
+    return f"; that all are met at once is not shown with 95 % (more runs for {names} can show it)"
+
+
+@dataclasses.dataclass(frozen=True)
+class AnyViolation:
+    """The probability that any requirement is violated, as it is told: never below that of one of them.
+
+    Attributes
+    ----------
+    row : Estimate
+        The estimate of the event, or what it was combined to.
+    remark : str
+        Where it is not the estimate of the event itself; empty otherwise.
+    """
+
+    row: Estimate
+    remark: str = ""
+
+
+def any_violation(result: StudyResult) -> AnyViolation | None:
+    """The probability that any requirement is violated; None where it was not estimated.
+
+    Parameters
+    ----------
+    result : StudyResult
+
+    Returns
+    -------
+    told : AnyViolation or None
+        Where the estimate is below that of a requirement, the estimates are combined: the violation of the requirement
+        is part of the event, so that its lower bound holds for both, and the larger upper bound holds too.
+    """
+    best = {name: best_estimate(rows) for name, rows in result.rows_by_requirement().items()}
+    row = best.pop(SYSTEM, None)
+    own = None if row is None else row.interval
+    if row is None or own is None:
+        return None
+    parts = {name: one.interval for name, one in best.items() if one is not None and one.interval is not None}
+    name, largest = max(parts.items(), key=lambda item: item[1].probability, default=("", own))
+    if largest.probability <= own.probability:
+        return AnyViolation(row)
+    told = Interval(largest.probability, max(largest.lower, own.lower), max(largest.upper, own.upper))
+    apart = "" if own.overlaps(largest) else " Their intervals do not overlap: one of the two has missed violations."
+    return AnyViolation(
+        dataclasses.replace(row, probability=told.probability, lower95=told.lower, upper95=told.upper),
+        f"{SYSTEM}: its own estimate, {probability_text(own.probability)} ({interval_text(own.lower, own.upper)}), is "
+        f"below that of {name}, which is part of it. The two were combined: {probability_text(told.probability)} "
+        f"({interval_text(told.lower, told.upper)}).{apart}",
+    )
 
 
 def _why_unknown(rows):

@@ -21,6 +21,7 @@ from satsep_ot.studies.telling.figures.axes import (
     quantity_label,
     save_figure,
 )
+from satsep_ot.studies.telling.figures.curves import draw_tolerance_curves
 from satsep_ot.studies.telling.figures.densities import draw_density, draw_exceedance, sample_density
 from satsep_ot.studies.telling.figures.motion import draw_rates, draw_separation_velocity, draw_strokes
 from satsep_ot.studies.telling.figures.probabilities import ProbabilityBar, draw_probabilities
@@ -48,6 +49,7 @@ __all__ = [
     "draw_spectra",
     "draw_strokes",
     "draw_sufficient_summary",
+    "draw_tolerance_curves",
     "label_axes",
     "make_axes",
     "make_panels",
