@@ -214,4 +214,16 @@ def test_a_study_makes_the_curves_that_are_asked_for():
     assert any(point.runs for point in points["all"])
     with pytest.raises(ValueError, match="'some' is not a valid Curves"):
         SeparationStudy(problem, curves="some")
+
+
+def test_groups_that_are_asked_for_and_one_that_is_none(tmp_path, capsys):
+    path = tmp_path / "case.toml"
+    path.write_text(case_with(allowed="0.02").text, encoding="utf-8")
+    options = ["--methods", "ActiveSubspace", "--runs", "2000", "--output", str(tmp_path / "out")]
+    assert cli.main(["study", str(path), *options, "--groups", "mas"]) == 2
+    message = capsys.readouterr().err
+    assert "'mas' is no tolerance of this case; it has rate, kick, mass; did you mean 'mass'?" in message
+    assert cli.main(["study", str(path), *options, "--groups", "mass", "--curves", "none"]) == 0
+    result = read_results(tmp_path / "out" / "results.json")
+    assert [row.tolerance for row in result.tightened["rolling"]] == ["mass"]
     ot.RandomGenerator.SetSeed(0)

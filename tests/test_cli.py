@@ -162,7 +162,7 @@ def test_bad_cases_are_one_sentence(command, tmp_path, capsys):
     [
         [],
         ["fly"],
-        ["check"],
+        ["compare"],
         ["report"],
         ["study", "--seed", "-1"],
         ["study", "--runs", "0"],
@@ -218,6 +218,7 @@ def test_study_writes_results_and_says_where_form_fails(tmp_path, capsys):
     assert list(results["rows"][0]) == [
         "requirement", "method", "probability", "lower95", "upper95", "coefficient_of_variation", "evaluations",
         "gradients", "seconds", "converged", "note", "audits", "audit_spread",
+        "upper_together",
     ]  # fmt: skip
     assert {path.name for path in output.iterdir()} == {
         "results.json", "motion.json", "case.toml", "figures", "report.html", "origin.json", "manifest.json", "runs",

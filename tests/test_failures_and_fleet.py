@@ -86,7 +86,7 @@ def test_a_sum_that_is_above_the_allowed_probability_is_not_met():
     assert list(mixture_lines({"spin": mixture}))[1] == ("  x has failed (0.01): 0.5 (0.4 to 0.6, 9 runs), adds 5e-3")
 
 
-def test_connectors_and_bolts_fail_too():
+def test_connectors_and_bolts_fail_too(tmp_path, capsys):
     text = load_case("reference").text
     umbilical = """
 [umbilical]
@@ -117,6 +117,10 @@ failed_release = 30.0
     assert [(failure.part, failure.probability) for failure in case.failures] == [
         ("umbilical connector 1", 1e-3), ("hold-down 1", 2e-3), ("hold-down 2", 3e-3),
     ]  # fmt: skip
+    path = tmp_path / "case.toml"
+    path.write_text(case.text, encoding="utf-8")
+    assert cli.main(["check", str(path)]) == 0
+    assert "hold-down 1 fails with a probability of 0.002" in capsys.readouterr().out
     assert failed_separation(case.separation, case.failures[0]).springs.scale.tolist() == [1, 1, 1, 1, 0, 15]
     assert failed_separation(case.separation, case.failures[1]).hold_downs.release.tolist() == [0.02, 0.02, 0.001]
     assert failed_separation(case.separation, case.failures[2]).hold_downs.release.tolist() == [0.001, 0.001, 0.03]

@@ -55,7 +55,7 @@ def print_case(console: Console, checked: CheckedCase, given: str) -> None:
     if umbilical_springs(separation):
         console.print(_umbilicals(separation))
         console.print()
-    for line in _conditions(separation):
+    for line in [*_conditions(separation), *_failures_and_fleet(case)]:
         console.print(line)
     console.print(_inputs(case.inputs))
     console.print()
@@ -138,7 +138,7 @@ def _umbilicals(separation: Separation) -> Table:
     connectors = umbilical_springs(separation)
     # Pins that only slide have no stiffness.
     sticks = any(separation.springs.stiffness[i + 1] > 0.0 for i in connectors)
-    rows = [row for row in UMBILICAL.rows if sticks or row.key != "pin_stiffness"]
+    rows = [row for row in UMBILICAL.rows if row.field and (sticks or row.key != "pin_stiffness")]
     table = make_table("Umbilical connectors", ">", *_titles([row.key for row in rows], rows))
     for number, i in enumerate(connectors, start=1):
         values = (nominal_values(row, separation)[i + row.of_connector[0]] for row in rows)
@@ -170,6 +170,15 @@ def _conditions(separation: Separation) -> Iterator[str]:
     yield from _orbit(separation)
     yield from _envelope(separation)
     yield from _contact(separation)
+
+
+def _failures_and_fleet(case):
+    """Which parts may fail, and what the satellites of a fleet share."""
+    for failure in case.failures:
+        yield f"{failure.part} fails with a probability of {failure.probability:g}"
+    if case.fleet > 1:
+        shared = ", ".join(row.name for row in case.inputs if row.is_shared)
+        yield escape(f"A fleet of {case.fleet} satellites, which share {shared or 'no input'}")
 
 
 def _orbit(separation):
@@ -248,7 +257,7 @@ def _quantities(quantities) -> Table:
 
 
 def _hand_formulas(rows) -> Table:
-    table = make_table("By hand, beside the nominal run", "what", ">by hand", ">in the run", "unit", "formula")
+    table = narrow(make_table("By hand, beside the nominal run", "what", ">by hand", ">in the run", "unit", "formula"))
     for row in rows:
         table.add_row(row.name, _rounded(row.by_hand, 6), _rounded(row.by_run, 6), row.unit, row.formula)
     return table

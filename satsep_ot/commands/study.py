@@ -72,6 +72,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="gradients for the active subspaces and surrogates in the report; 0 for none (default: 300)",
     )  # fmt: skip
     parser.add_argument(
+        "--groups", nargs="+", default=[], metavar="GROUP",
+        help="tolerances to halve and to vary in size; an unknown name lists them (default: the strongest)",
+    )  # fmt: skip
+    parser.add_argument(
         "--curves", type=Curves, choices=list(Curves), default=Curves.NEEDED, metavar="WHICH",
         help="the probability against the size of the strongest tolerances by new runs: needed (default), for "
         "requirements that are not known to be met; all; or none",
@@ -105,6 +109,7 @@ def run(options: argparse.Namespace) -> int | None:
     case = load_uncertain_case(options.case)
     from satsep_ot.methods.common.standard_space import StandardSpace
     from satsep_ot.model.separation_problem import SeparationProblem
+    from satsep_ot.studies.drivers import check_tolerances
     from satsep_ot.studies.separation_study import SeparationStudy
     from satsep_ot.studies.telling.tables import print_study
     from satsep_ot.studies.telling.verdicts import Status, judge_all
@@ -114,6 +119,10 @@ def run(options: argparse.Namespace) -> int | None:
     problem = SeparationProblem(case)
     try:
         StandardSpace(problem.getDistribution())
+    except ValueError as error:
+        return fail(f"{case.name}: {error}", 2)
+    try:
+        check_tolerances(case, options.groups)
     except ValueError as error:
         return fail(f"{case.name}: {error}", 2)
     study = SeparationStudy(
@@ -126,6 +135,7 @@ def run(options: argparse.Namespace) -> int | None:
         sizes["precision"],
         not options.no_screening,
         options.curves,
+        options.groups,
     )
     if sizes["runs"] >= _WORTH_PROCESSES:
         study.setProcessNumber(options.workers or len(os.sched_getaffinity(0)))

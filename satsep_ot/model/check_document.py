@@ -116,6 +116,8 @@ def check_document(checked: CheckedCase) -> dict[str, Any]:
             }
             for row in case.inputs
         ],
+        "failures": [{"part": failure.part, "probability": failure.probability} for failure in case.failures],
+        "fleet": case.fleet,
         "correlation": [
             {"inputs": [first, second], "coefficient": coefficient}
             for first, second, coefficient in checked.correlations

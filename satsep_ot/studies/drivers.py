@@ -1,7 +1,7 @@
 """What drives a violation, which tolerance to tighten, and what the most likely violation looks like."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 import openturns as ot
@@ -40,6 +40,15 @@ def tolerances(case: Case) -> dict[str, list[UncertainInput]]:
     for row in case.inputs:
         rows.setdefault(row.group or row.entry or row.name, []).append(row)
     return rows
+
+
+def check_tolerances(case: Case, names: Iterable[str]) -> None:
+    """Refuse a name that is no tolerance of a case, with a ValueError that names those that are."""
+    known = tolerances(case)
+    for name in names:
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise ValueError(f"'{name}' is no tolerance of this case; it has {', '.join(known)}{hint}")
 
 
 def driver_shares(case: Case, subspaces: Sequence[ActiveSubspaceResult]) -> dict[str, float]:
@@ -182,11 +191,8 @@ def scaled_case(case: Case, tolerance: str, scale: float) -> Case:
     >>> scaled_case(load_case("reference"), "satellite_mass", 0.5).inputs[0].factor
     0.5
     """
-    groups = tolerances(case)
-    if tolerance not in groups:
-        hint = did_you_mean(tolerance, groups)
-        raise ValueError(f"'{tolerance}' is no tolerance of this case; it has {', '.join(groups)}{hint}")
-    names = {row.name for row in groups[tolerance]}
+    check_tolerances(case, [tolerance])
+    names = {row.name for row in tolerances(case)[tolerance]}
     # It is not what the case file says any more.
     inputs = tuple(row.scaled(scale) if row.name in names else row for row in case.inputs)
     return dataclasses.replace(case, inputs=inputs, text="", files={})

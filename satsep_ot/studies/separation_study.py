@@ -126,12 +126,14 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     curves : :class:`satsep_ot.studies.telling.tolerance_curves.Curves`
         For which requirements the probability against the size of their strongest tolerances is made by new runs:
         NEEDED for those that are not known to be met, ALL, or NONE for no curves at all.
+    groups : sequence of str
+        Tolerances, groups of inputs, that are halved and varied in size; by default the strongest of each requirement.
 
     Raises
     ------
     ValueError
-        If a method is unknown, a size is not positive, or the target is out of its range; a CaseError if the case has
-        no requirements.
+        If a method or a group is unknown, a size is not positive, or the target is out of its range; a CaseError if the
+        case has no requirements.
 
     Examples
     --------
@@ -155,6 +157,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         targetCoefficientOfVariation: float | None = None,
         screening: bool = True,
         curves: Curves = Curves.NEEDED,
+        groups: Sequence[str] = (),
     ) -> None:
         unknown = [name for name in methods if name not in STUDY_METHODS]
         if unknown or not methods:
@@ -181,6 +184,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._target = None if target is None else float(target)
         self._screening = bool(screening)
         self._curveRuns = Curves(curves)
+        drivers.check_tolerances(problem.getCase(), groups)
+        self._groups = list(groups)
         self._steps = StudySteps(problem, self._seed, self._target, self._toleranceSize > 0)
         self._processNumber = 1
         self._names = [*problem.getRequirementNames(), SYSTEM]
@@ -262,6 +267,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             "precision": self._target,
             "screening": self._screening,
             "curves": self._curveRuns.value,
+            "groups": self._groups,
             "methods": to_plain(self._methods),
             "versions": package_versions(),
         }
@@ -570,7 +576,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             result = self._results.get(requirement)
             ratios = {} if result is None else drivers.tightened_probabilities(case, result, strong)
             self._ratios[requirement] = ratios
-            for name in (list(ratios) or strong)[: self._toleranceSize]:
+            for name in self._groups or (list(ratios) or strong)[: self._toleranceSize]:
                 label = f"{requirement}: half the scatter of {name}"
                 steps.append(Step((requirement, "half", name), HalvedTolerance, "halve", (requirement, name), label))
         made = {step.names: one.value for step, one in self._makeSteps(steps, _TOLERANCES_BEGIN, _VIOLATIONS_BEGIN)}
@@ -622,7 +628,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             makes_runs = self._curveRuns is Curves.ALL or (self._curveRuns is Curves.NEEDED and is_open)
             _, shares = self._shares[entry.name]
             halved = sorted(self._halved.get(entry.name, ()), key=lambda row: row.probability or 0.0)
-            names = list(dict.fromkeys([*(row.tolerance for row in halved), *shares]))[: max(2, self._toleranceSize)]
+            strongest = list(dict.fromkeys([*(row.tolerance for row in halved), *shares]))
+            names = self._groups or strongest[: max(2, self._toleranceSize)]
             begin = _CURVES_BEGIN + (_CLASSES_BEGIN - _CURVES_BEGIN) * index / len(case.requirements)
             self._curves[entry.name] = self._step(
                 [entry.name, "curves"],
