@@ -92,6 +92,7 @@ def test_sections_come_in_the_order_of_a_reviewers_questions(page):
     headings = re.findall(r"<h2>(.*?)</h2>", page)
     assert headings == [
         "The answer", "What drives it", "Which tolerance to tighten, and the effect",
+        "How large each tolerance may be",
         "The nominal separation and the most likely violation", "Distributions of the quantities",
         "Active subspace and quality of the surrogates", "The same probability by several methods",
         "Assumptions and limits", "Uncertain inputs", "To repeat it",

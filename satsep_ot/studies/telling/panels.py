@@ -87,7 +87,7 @@ def study_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
     yield from _driver_panels(result)
     yield from _tightened_panels(result)
     for requirement, found in result.curves.items():
-        if any(len(curve.points) > 1 for curve in found.curves):
+        if any(sum(bool(point.probability) for point in curve.points) > 1 for curve in found.curves):
             ax = figures.draw_tolerance_curves(found, title=requirement)
             yield Panel.of(Section.SIZES, requirement, f"{requirement} against the size of its tolerances", ax)
     if runs.sample is not None:

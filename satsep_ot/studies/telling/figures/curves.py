@@ -62,7 +62,7 @@ def draw_tolerance_curves(found: RequirementCurves, title: str = "", ax: Axes | 
         ax.axhline(found.allowed, color=ORANGE, linestyle="--", linewidth=2.0, label=label)
     ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: probability_text(value, 1)))
     ax.yaxis.set_minor_formatter(NullFormatter())
-    legend = ax.legend(fontsize=FONT_SIZE)
-    for text in legend.get_texts():
-        text.set(**AS_WRITTEN)
+    if ax.get_legend_handles_labels()[0]:
+        for text in ax.legend(fontsize=FONT_SIZE).get_texts():
+            text.set(**AS_WRITTEN)
     return ax
