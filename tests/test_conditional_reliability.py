@@ -7,7 +7,7 @@ import openturns as ot
 import pytest
 from scipy.stats import norm, poisson
 
-from satsep_ot import ActiveSubspaceReliability, ConditionalReliability
+from satsep_ot import ActiveSubspaceReliability, ConditionalReliability, ReliabilityComparison
 from satsep_ot.methods.reliability.atoms import AtomicInputs
 
 
@@ -205,6 +205,20 @@ def test_a_failing_function_names_the_values():
     vector = ot.CompositeRandomVector(function, ot.RandomVector(law))
     with pytest.raises(RuntimeError, match=r"given spring = 1: .*no such spring"):
         answer(ot.ThresholdEvent(vector, ot.Greater(), 3.0))
+
+
+def test_a_comparison_takes_it_where_inputs_have_atoms():
+    event = threshold("a + b", ["a", "b"], [ot.Bernoulli(0.1), ot.Normal()], 3.0)
+    ot.RandomGenerator.SetSeed(0)
+    comparison = ReliabilityComparison(event, ["ActiveSubspace", "FORM"])
+    comparison.setMaximumEvaluations(2000)
+    comparison.run()
+    ours, theirs = comparison.getResult().getRows()
+    assert ours.lower95 < 0.9 * norm.sf(3.0) + 0.1 * norm.sf(2.0) < ours.upper95
+    assert ours.converged
+    assert ours.note == "all 2 parts have converged"
+    assert ours.evaluations <= 2000
+    assert theirs.probability is None
 
 
 def test_each_part_has_a_checkpoint_of_its_own(tmp_path):

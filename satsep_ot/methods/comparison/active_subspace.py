@@ -1,14 +1,16 @@
 """`ActiveSubspaceReliability` among the methods that are compared."""
 
 import math
+from typing import Any
 
 from satsep_ot.methods.comparison.method import CountedProblem, ReliabilityMethod, Row
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
-from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
+from satsep_ot.methods.reliability.conditional import ConditionalReliability
 
 
 class ActiveSubspace(ReliabilityMethod):
-    """`ActiveSubspaceReliability`, with the components of the comparison where there are any.
+    """`ActiveSubspaceReliability`, with the components of the comparison where there are any; where inputs are discrete
+    or have atoms, `ConditionalReliability`.
 
     Parameters
     ----------
@@ -39,16 +41,18 @@ class ActiveSubspace(ReliabilityMethod):
         self.mode = mode
         self.allowedProbability = allowedProbability
         self.verdictCoefficientOfVariation = verdictCoefficientOfVariation
-        self._result: ActiveSubspaceReliabilityResult | None = None
+        self._result: Any = None
 
-    def getLastResult(self) -> ActiveSubspaceReliabilityResult:
-        """The `ActiveSubspaceReliabilityResult` of the last run."""
+    def getLastResult(self) -> Any:
+        """The `ActiveSubspaceReliabilityResult` of the last run; a `ConditionalReliabilityResult` of one with atoms."""
         if self._result is None:
             raise RuntimeError("there is no result yet; a comparison has to run the method first")
         return self._result
 
     def run(self, problem: CountedProblem) -> Row:
-        algorithm = ActiveSubspaceReliability(problem.event)
+        atoms = not problem.distribution.isContinuous()
+        task = ConditionalReliability(problem.event) if atoms else ActiveSubspaceReliability(problem.event)
+        algorithm = task.getAlgorithm() if isinstance(task, ConditionalReliability) else task
         if problem.components is not None:
             algorithm.setComponents(*problem.components)
         algorithm.setTargetCoefficientOfVariation(self.targetCoefficientOfVariation)
@@ -58,8 +62,8 @@ class ActiveSubspace(ReliabilityMethod):
         percentage = [0.0]
         algorithm.setProgressCallback(lambda value: percentage.__setitem__(0, value))
         algorithm.setStopCallback(lambda: problem.report(percentage[0]))
-        algorithm.run()
-        self._result = result = algorithm.getResult()
+        task.run()
+        self._result = result = task.getResult()
         interval = result.getConfidenceInterval(0.95)
         variation = result.getCoefficientOfVariation()
         return Row(
