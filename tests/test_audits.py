@@ -61,3 +61,12 @@ def test_wide_runs_see_a_plane_of_the_expected_probability_about_once_in_nine():
     assert auditSpread(-1e-3) == 4.5
     spreads = [auditSpread(probability) for probability in np.logspace(-12, 0, 50)]
     assert (np.diff(spreads) <= 0.0).all()
+
+
+def test_points_are_drawn_where_they_are_wanted():
+    design = WideDesign(3, np.random.default_rng(0))
+    u = design.drawWhere(lambda points: points[:, 0] > 0.5, 60, 2.0)
+    assert u.shape == (60, 3)
+    assert (u[:, 0] > 0.5).all()
+    # Nowhere: the number stays.
+    assert design.drawWhere(lambda points: np.zeros(len(points), dtype=bool), 60, 2.0).shape == (60, 3)

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import norm
 
 from satsep_ot.methods.reliability.audits import WideDesign
-from satsep_ot.methods.reliability.failure_modes import FailureMode, ModeProposal, wideLogRatio
+from satsep_ot.methods.reliability.failure_modes import FailureMode, ModeProposal, explains, wideLogRatio
 from satsep_ot.methods.reliability.mixture import GaussianMixture, normalLogDensity
 
 TURNED = np.linalg.qr(np.random.default_rng(5).standard_normal((5, 5)))[0]
@@ -220,7 +220,7 @@ def test_the_proposal_of_modes_is_a_density():
     first, second = planeMode(), pairMode()
     second.mass = 0.1 * first.mass
     design = WideDesign(5, generator)
-    proposal = ModeProposal([first, second], design, 2.5, 0.05, 0.2)
+    proposal = ModeProposal([first, second], design, 2.5, 0.05, 0.2, generator)
     u, parts = proposal.sample(20_000, generator)
     counts = np.bincount(parts, minlength=4)
     np.testing.assert_allclose(counts / 20_000, proposal.shares, atol=1.1 / 20_000)
@@ -238,18 +238,31 @@ def test_the_proposal_of_modes_is_a_density():
     assert np.exp(-proposal.logRatio(5.0 * generator.standard_normal((500, 5)))).max() <= 20.0 * (1.0 + 1e-9)
 
 
+def test_wide_runs_go_where_modes_do_not_explain_failures():
+    generator, mode = np.random.default_rng(0), planeMode()
+    proposal = ModeProposal([mode], WideDesign(5, generator), 2.5, 1e-9, 1.0 - 2e-9, generator)
+    u = proposal.drawWide(4000)
+    assert not explains([mode], u).any()
+    assert explains([mode], 2.5 * generator.standard_normal((4000, 5))).mean() > 0.1
+    # They still follow the density that their weights are by.
+    mean, deviation = weighted(proposal.logRatio, u, u @ TURNED[:, 0] < -2.0)
+    assert abs(mean - norm.cdf(-2.0)) < 4.5 * deviation
+
+
 def test_a_mode_that_is_known_to_be_small_gets_few_runs_but_some():
     first, second = planeMode(), pairMode()
     for mode in (first, second):
         mode.effective = 50.0
     second.mass = 1e-9 * first.mass
-    proposal = ModeProposal([first, second], WideDesign(5, np.random.default_rng(0)), 2.0, 0.1, 0.1)
+    proposal = ModeProposal(
+        [first, second], WideDesign(5, np.random.default_rng(0)), 2.0, 0.1, 0.1, np.random.default_rng(0)
+    )
     np.testing.assert_allclose(proposal.shares[2:], 0.8 * np.array([1.0, 0.04]) / 1.04)
 
 
 def test_a_proposal_stays_as_it_was_when_its_modes_learn():
     generator, mode = np.random.default_rng(0), planeMode()
-    proposal = ModeProposal([mode], WideDesign(5, generator), 2.0, 0.1, 0.1)
+    proposal = ModeProposal([mode], WideDesign(5, generator), 2.0, 0.1, 0.1, generator)
     u, _ = proposal.sample(500, generator)
     before = proposal.logRatio(u)
     failed = u @ TURNED[:, 0] > 3.2

@@ -133,3 +133,14 @@ def test_of_many_points_those_near_0_are_kept():
     np.testing.assert_array_equal(chooseRows(values[:360]), np.arange(360))
     few = stats.norm.rvs(size=5, random_state=0)
     np.testing.assert_array_equal(chooseRows(few), np.arange(5))
+
+
+def test_gradients_are_the_slopes_of_the_mean(data):
+    x, values = data
+    process = GaussianProcess(x, values)
+    points, step = np.random.default_rng(5).standard_normal((7, 2)), 1e-3
+    differences = [
+        (process.predictMean(points + shift) - process.predictMean(points - shift)) / (2.0 * step)
+        for shift in step * np.eye(2)
+    ]
+    np.testing.assert_allclose(process.gradients(points), np.column_stack(differences), rtol=1e-4, atol=1e-5)

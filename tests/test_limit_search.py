@@ -5,7 +5,7 @@ import openturns as ot
 import pytest
 from reliability_events import event, recorded, symbolicEvent
 
-from satsep_ot.methods.reliability.limit_search import LimitSearch, orthonormalBasis
+from satsep_ot.methods.reliability.limit_search import DistantPlanes, LimitSearch, orthonormalBasis
 
 ROOT = np.array([0.6, 0.8, 0.0])
 
@@ -152,3 +152,22 @@ def test_a_basis_keeps_the_order_and_leaves_out_what_is_known():
     np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(basis[:, :2], np.array([[1.0, 0.0, 0.0], [0.0, 0.6, 0.8]]).T, atol=1e-12)
     assert orthonormalBasis([a, c, ROOT], 2, 0.1).shape == (3, 2)
+
+
+def test_few_distant_planes_do_not_matter_and_many_do():
+    planes = DistantPlanes()
+    directions = np.eye(5)
+    # Beyond a distance of 5 the normal law has 3e-7.
+    for direction in directions[:3]:
+        assert planes.takes(5.0 * direction, [direction], 1e-3)
+        # The same plane again is not one more.
+        assert planes.takes(5.1 * direction, [direction], 1e-3)
+    assert not planes.takes(5.0 * directions[3], [directions[3]], 1e-3)
+
+
+def test_planes_of_a_share_of_the_probability_and_curved_limits_are_never_distant():
+    planes, direction = DistantPlanes(), np.eye(3)[0]
+    assert not planes.takes(3.0 * direction, [direction], 1e-3)
+    # The normal does not lead to the point: it is no nearest one.
+    assert not planes.takes(5.0 * direction, [np.eye(3)[1]], 1e-3)
+    assert not planes.takes(5.0 * direction, [], 1e-3)

@@ -12,6 +12,7 @@ from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.reliability import surrogate as limit_state_surrogate
 from satsep_ot.methods.reliability.surrogate import (
     LimitStateSurrogate,
+    ProcessFit,
     RidgeModel,
     _fitModel,
     _predictionError,
@@ -305,3 +306,25 @@ def test_errors_of_prediction_grow_where_a_polynomial_extrapolates():
     assert 0.7 < inside < 1.3
     assert 0.6 < outside < 1.4
     assert np.sqrt(np.mean(np.square(constant), axis=0))[1] > 1.5
+
+
+def test_a_process_follows_a_function_of_one_slanted_direction_in_its_active_subspace():
+    generator = np.random.default_rng(0)
+    direction = np.array([0.5, -0.5, 0.5, -0.5, 0.0, 0.0])
+
+    def resonance(u):
+        return 1.0 - 1.0 / (0.3 + (u @ direction - 0.5) ** 2) + 0.1 * u[:, 4]
+
+    u, new = generator.standard_normal((120, 6)), generator.standard_normal((2000, 6))
+    surrogate = LimitStateSurrogate(u, resonance(u)[:, None], lambda values: values[:, 0], np.ones(120))
+    process = surrogate.components[0]
+    assert isinstance(process, ProcessFit)
+    np.testing.assert_allclose(process.rotation.T @ process.rotation, np.eye(6), atol=1e-12)
+    assert abs(process.rotation[:, 0] @ direction) > 0.99
+
+    plain = ProcessFit(u, resonance(u), process.link, np.eye(6))
+    targets = process.link.forward(resonance(new))
+    turned, straight = (
+        np.sqrt(np.mean((fit.predict(fit.variables(new, None)) - targets) ** 2)) for fit in (process, plain)
+    )
+    assert turned < 0.5 * straight

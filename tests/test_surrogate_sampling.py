@@ -149,20 +149,18 @@ def test_blocks_are_new_to_the_surrogate_that_proposed_them():
     assert np.isnan(runs.weights).all()
 
 
-def test_errors_of_prediction_scale_with_what_new_runs_show():
-    sampling, _ = samplingOf(plane)
-    assert sampling._calibration() == 1.2
-    ones = np.ones((96, 1))
-    for squares, factor in ((ones, 1.0), (4.0 * ones, math.sqrt((4.0 + 4.0 * 96.0) / 100.0)), (0.0 * ones, 0.8)):
-        sampling._errors = [(squares, np.ones(96))] * 4
-        assert sampling._calibration()[0] == pytest.approx(factor, rel=1e-6)
-    assert sampling.observedCalibration == 0.0
-    # One wild run among many is not the whole; nor is the factor beyond its bounds.
-    sampling._errors = [(np.full((40, 1), 1e12), np.ones(40))]
-    assert sampling._calibration()[0] == 5.0
-    # Only the latest runs tell of the present surrogate.
-    sampling._errors = [(100.0 * ones, np.ones(96)), (ones, np.ones(96))]
-    assert sampling._calibration()[0] == pytest.approx(1.0)
+def test_wide_runs_go_where_the_surrogate_expects_no_failure():
+    def ball(u):
+        return 2.0 - np.linalg.norm(u, axis=1)
+
+    sampling, _ = samplingOf(ball)
+    while sampling.step() is Verdict.GOES_ON:
+        pass
+    runs = sampling._recorder.runs()
+    wide = runs.phases == "audit"
+    # Of runs that are so wide more than half would fail.
+    assert wide.sum() >= 20
+    assert runs.failed[wide].mean() < 0.3
 
 
 @pytest.mark.parametrize("policy", ["failure", "safe"])

@@ -1,5 +1,7 @@
 """Wide runs: points of a normal law of larger spread, which look in all directions for failures nobody expects."""
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.special import ndtri
 from scipy.stats import qmc
@@ -8,6 +10,8 @@ from satsep_ot.methods.common.deferred_interrupts import deferredInterrupts
 
 # Up to so many inputs points of a scrambled Sobol sequence, beyond them orthogonal pairs.
 _SOBOL_INPUTS, _SOBOL_POINTS = 10, 256
+# Points drawn at most for each one that is wanted.
+_TRIALS = 20
 
 
 class WideDesign:
@@ -45,6 +49,28 @@ class WideDesign:
             self._points = np.vstack([self._points, self._more()])
         taken, self._points = self._points[:size], self._points[size:]
         return spread * taken
+
+    def drawWhere(self, wanted: Callable[[np.ndarray], np.ndarray], size: int, spread: float) -> np.ndarray:
+        """The next points (size, d), times the spread, of those that are wanted.
+
+        Where few are wanted, the last of all points are taken for those that are missing.
+
+        Parameters
+        ----------
+        wanted : callable
+            Whether points (n, d) are wanted, (n,).
+        size : int
+        spread : float
+        """
+        taken = np.zeros((0, self._dimension))
+        drawn = 0
+        while len(taken) < size and drawn < _TRIALS * size:
+            points = self.draw(2 * (size - len(taken)), spread)
+            drawn += len(points)
+            taken = np.vstack([taken, points[wanted(points)]])
+        if len(taken) < size:
+            taken = np.vstack([taken, points])
+        return taken[:size]
 
     def _more(self):
         if self._sobol is not None:

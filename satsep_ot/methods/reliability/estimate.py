@@ -42,7 +42,7 @@ class Block:
     surrogateProbability, poolVariance : float
         The surrogate's probability of failure, 0 without one, and the variance of its integration.
     proposal : optional
-        The `Proposal` that the runs were drawn from, where there is a surrogate.
+        The `Proposal` or `SelectedProposal` that the runs were drawn from, where there is a surrogate.
     """
 
     runs: Runs
@@ -176,9 +176,7 @@ class Estimate:
                 continue
             share = float(self.shares[rows].sum())
             size = max(int(_SURROGATE_POINTS * share), 500)
-            products = proposal.pool.weights * proposal.failure
-            chosen = generator.choice(len(products), size=size, p=products / products.sum())
-            u = proposal.surrogate.expand(proposal.pool.points[chosen], generator)
+            u, inflation = proposal.drawFailures(size, generator)
             none = np.zeros(size)
             part = FailureSample.ofGroup(
                 limitState.space.toPhysical(u),
@@ -187,7 +185,7 @@ class Estimate:
                 none.astype(bool),
                 none,
                 # The pool is itself a sample.
-                inflation=1.0 + size * float((products**2).sum()) / float(products.sum()) ** 2,
+                inflation=inflation,
                 common=proposal.poolVariance / proposal.probability**2,
             )
             parts.append(part)

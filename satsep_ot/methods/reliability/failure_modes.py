@@ -23,6 +23,10 @@ _LARGEST_MIXTURE = 16
 _KNOWN_FAILURES, _RUNS_IN_VAIN = 12.0, 100
 # Smallest share of the runs of a mode that is known, and of one that is not.
 _LEAST_SHARE, _YOUNG_SHARE = 0.04, 0.25
+# Failures are explained where the modes draw as many as this share of the largest density over the nominal one.
+_EXPLAINED = math.log(0.03)
+# Points that tell how many wide ones are explained, and the share of others below which all are drawn.
+_WIDE_POINTS, _LEAST_UNEXPLAINED = 4000, 0.1
 
 
 @dataclasses.dataclass
@@ -214,8 +218,24 @@ class FailureMode:
         self.shell = max(self.shell, 0.15)
 
 
+def membership(modes: list[FailureMode], u: np.ndarray) -> np.ndarray:
+    """Shares (n, number of modes) in which points (n, d) belong to the modes, by how often these draw them."""
+    logs = np.column_stack([math.log(max(mode.mass, 1e-300)) + mode.logRatio(u) for mode in modes])
+    return np.exp(logs - logSumExp(logs)[:, None])
+
+
+def explains(modes: list[FailureMode], u: np.ndarray) -> np.ndarray:
+    """Whether the modes draw failures at points (n, d) often enough, (n,)."""
+    if not modes:
+        return np.zeros(len(u), dtype=bool)
+    logs = [mode.logRatio(u) + math.log(max(mode.mass, 1e-300)) for mode in modes]
+    return np.max(logs, axis=0) > _EXPLAINED
+
+
 class ModeProposal:
     """Density that a block of runs is drawn from: the inputs' own, a wide one, and all modes, as they are now.
+
+    Wide runs go where the modes do not explain failures: beside them no other failure region could be seen.
 
     Weights are by the density of the whole (the balance heuristic: Veach and Guibas, SIGGRAPH 1995).
 
@@ -228,10 +248,17 @@ class ModeProposal:
         Their standard deviation.
     nominal, wide : float
         Shares of the runs that follow the inputs' distribution and the wide one.
+    generator : :py:class:`numpy.random.Generator`
     """
 
     def __init__(
-        self, modes: list[FailureMode], wideDesign: WideDesign, spread: float, nominal: float, wide: float
+        self,
+        modes: list[FailureMode],
+        wideDesign: WideDesign,
+        spread: float,
+        nominal: float,
+        wide: float,
+        generator: np.random.Generator,
     ) -> None:
         self._modes = [copy.copy(mode) for mode in modes]
         self._wideDesign, self._spread = wideDesign, spread
@@ -239,11 +266,26 @@ class ModeProposal:
         least = [_YOUNG_SHARE if mode.young else _LEAST_SHARE for mode in modes]
         shares = np.maximum(masses / masses.sum(), least)
         self.shares = np.concatenate([[nominal, wide], (1.0 - nominal - wide) * shares / shares.sum()])
+        points = spread * generator.standard_normal((_WIDE_POINTS, len(modes[0].basis)))
+        self._unexplained = float(np.mean(~explains(self._modes, points)))
 
     def logRatio(self, u: np.ndarray) -> np.ndarray:
         """Logarithm (n,) of the density over the standard normal one."""
-        columns = [np.zeros(len(u)), wideLogRatio(u, self._spread), *(mode.logRatio(u) for mode in self._modes)]
+        wide = wideLogRatio(u, self._spread)
+        if self._isRestricted:
+            wide = np.where(explains(self._modes, u), -np.inf, wide - math.log(self._unexplained))
+        columns = [np.zeros(len(u)), wide, *(mode.logRatio(u) for mode in self._modes)]
         return logSumExp(np.log(self.shares) + np.column_stack(columns))
+
+    @property
+    def _isRestricted(self):
+        return self._unexplained > _LEAST_UNEXPLAINED
+
+    def drawWide(self, size: int) -> np.ndarray:
+        """Wide points (size, d)."""
+        if self._isRestricted:
+            return self._wideDesign.drawWhere(lambda u: ~explains(self._modes, u), size, self._spread)
+        return self._wideDesign.draw(size, self._spread)
 
     def sample(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Points (size, d), and for each what it was drawn for: 0 nominal, 1 wide, from 2 on the modes."""
@@ -251,7 +293,7 @@ class ModeProposal:
         positions = (np.arange(size) + generator.random()) / size
         parts = np.minimum(np.searchsorted(np.cumsum(self.shares), positions), len(self.shares) - 1)
         u = generator.standard_normal((size, len(self._modes[0].basis)))
-        u[parts == 1] = self._wideDesign.draw(int(np.count_nonzero(parts == 1)), self._spread)
+        u[parts == 1] = self.drawWide(int(np.count_nonzero(parts == 1)))
         for k, mode in enumerate(self._modes):
             rows = parts == k + 2
             u[rows] = mode.sample(int(np.count_nonzero(rows)), generator)

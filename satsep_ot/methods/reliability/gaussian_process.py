@@ -160,6 +160,16 @@ class GaussianProcess:
             deviation[rows] = np.sqrt(variance + self._noise + _JITTER * _TREND)
         return self._centre + self._scale * mean, self._scale * deviation
 
+    def gradients(self, x: np.ndarray) -> np.ndarray:
+        """Gradients (m, k) of the mean at points (m, k)."""
+        scaled = x / self._lengths
+        r = (scaled**2).sum(axis=1)[:, None] + (self._scaled**2).sum(axis=1) - 2.0 * (scaled @ self._scaled.T)
+        r = np.sqrt(5.0 * np.maximum(r, 0.0))
+        near = (self._amplitude * (5.0 / 3.0) * (1.0 + r) * np.exp(-r)) * self._weights
+        matern = (near @ self._x - near.sum(axis=1)[:, None] * x) / self._lengths**2
+        squared = 2.0 * self._trend * ((x @ self._x.T) * self._weights) @ self._x
+        return self._scale * (matern + _TREND * (self._weights @ self._x) + squared)
+
     def predictMean(self, x: np.ndarray) -> np.ndarray:
         """Mean (m,) of new values at points (m, k)."""
         return self._centre + self._scale * np.concatenate(

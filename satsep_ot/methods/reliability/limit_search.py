@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+from scipy.special import ndtr
 
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent
 from satsep_ot.methods.reliability.recorder import RunRecorder
@@ -13,6 +14,9 @@ _STEP = 0.02
 # Candidates of a chain's step, and the share of failures that its step size aims at.
 _CANDIDATES, _ACCEPTANCE = 3, 0.35
 _GRADIENTS = 4  # of one search
+# A region beyond a plane of less than this share of the probability does not matter, with a margin of its distance; of
+# more planes in directions of their own than this number, they may be one curved limit, and matter.
+_NEGLIGIBLE, _MARGIN, _FEW_PLANES, _SAME_DIRECTION = 0.01, 0.4, 3, 0.9
 
 
 class LimitSearch:
@@ -177,6 +181,34 @@ class LimitSearch:
 def isPlane(inside: np.ndarray, normals: list[np.ndarray]) -> bool:
     """Whether the last normal leads from the origin to the point (d,), as it does at a nearest failing point."""
     return bool(normals) and float(normals[-1] @ inside) > 0.9 * float(np.linalg.norm(inside)) - 0.15
+
+
+class DistantPlanes:
+    """Planes beyond which failures are too unlikely to matter.
+
+    The limit of a region on many sides, such as outside of a sphere, has planes of little probability each: they are
+    left only while they are few.
+    """
+
+    def __init__(self) -> None:
+        self._normals: list[np.ndarray] = []
+
+    def takes(self, inside: np.ndarray, normals: list[np.ndarray], probability: float) -> bool:
+        """Whether a failing point (d,), reached with these normals, lies behind such a plane.
+
+        Parameters
+        ----------
+        inside : array (d,)
+        normals : list of array (d,)
+        probability : float
+            Of all failures that are known.
+        """
+        distance = float(np.linalg.norm(inside))
+        if not isPlane(inside, normals) or ndtr(_MARGIN - distance) >= _NEGLIGIBLE * probability:
+            return False
+        if all(float(normal @ inside) < _SAME_DIRECTION * distance for normal in self._normals):
+            self._normals.append(inside / distance)
+        return len(self._normals) <= _FEW_PLANES
 
 
 def orthonormalBasis(columns: list[np.ndarray], largest: int, least: float) -> np.ndarray:

@@ -10,22 +10,18 @@ import itertools
 import math
 
 import numpy as np
-from scipy.special import ndtr
 
 from satsep_ot.methods.reliability.audits import WideDesign, auditSpread
 from satsep_ot.methods.reliability.estimate import Block, Estimate
-from satsep_ot.methods.reliability.failure_modes import FailureMode, ModeProposal
-from satsep_ot.methods.reliability.limit_search import LimitSearch, isPlane, orthonormalBasis
+from satsep_ot.methods.reliability.failure_modes import FailureMode, ModeProposal, explains, membership
+from satsep_ot.methods.reliability.limit_search import DistantPlanes, LimitSearch, isPlane, orthonormalBasis
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.mixture import logSumExp
+from satsep_ot.methods.reliability.mode_surrogates import PLAIN_SHARE, ModeSurrogates, SelectedProposal
 from satsep_ot.methods.reliability.recorder import RunRecorder
 
-# Failures are explained where the modes draw as many as this share of the largest density over the nominal one.
-_EXPLAINED = math.log(0.03)
 # A failure whose weight exceeds the estimate by this factor was not expected there.
 _LARGEST_WEIGHT = 10.0
-# Modes of less than this share of the probability are named and left.
-_NEGLIGIBLE = 0.01
 # Failures of one block that are followed.
 _FOLLOWED = 6
 _NOMINAL_SHARES = (0.05, 0.3, 0.6, 0.9)
@@ -34,6 +30,8 @@ _FREQUENT = 3e-3
 _MINIMUM_BLOCKS = 3
 # Shares of wide runs while audits are missing, and after.
 _AUDIT_SHARE, _LATER_AUDIT_SHARE = 0.2, 0.08
+# Surrogates that make the variance of a run smaller than by this factor are used.
+_HELPFUL = 0.5
 # Spreads of wide runs while no failure is known, and the runs, and their share of all, after which these are given up.
 _SPREADS = (2.0, 3.0, 4.0, 1.5, 2.5, 3.5)
 _FRUITLESS_RUNS, _FRUITLESS_SHARE = 1500, 0.3
@@ -48,6 +46,8 @@ class ModeSampling:
     limitState : LimitStateEvent
     generator : :py:class:`numpy.random.Generator`
     wideDesign : WideDesign
+    target : float
+        Coefficient of variation.
     maximumEvaluations : int
     audits, audited : int
         Wide runs without which no estimate has converged, and those made before.
@@ -74,6 +74,7 @@ class ModeSampling:
         limitState: LimitStateEvent,
         generator: np.random.Generator,
         wideDesign: WideDesign,
+        target: float,
         maximumEvaluations: int,
         audits: int,
         audited: int,
@@ -81,13 +82,16 @@ class ModeSampling:
         self.search = LimitSearch(recorder, limitState, generator)
         self._recorder = recorder
         self._generator, self._wideDesign = generator, wideDesign
-        self._maximum = maximumEvaluations
+        self._target, self._maximum = target, maximumEvaluations
         self.audits = audits
         self._dimension = limitState.dimension
+        self._distantPlanes = DistantPlanes()
         self.modes: list[FailureMode] = []
         self.blocks: list[Block] = []
         self.audited, self.spread, self.unresolved = audited, 2.0, 0
-        self._all: list[tuple[Block, ModeProposal]] = []
+        self._all: list[tuple[Block, ModeProposal | SelectedProposal]] = []
+        self._surrogates = ModeSurrogates()
+        self._surrogatesHelp = False
         # All failures of the blocks, with weights by the mixture of their proposals.
         self._failures: tuple[np.ndarray, np.ndarray] | None = None
 
@@ -107,15 +111,8 @@ class ModeSampling:
     def _left(self):
         return self._maximum - self._recorder.used()
 
-    def _explains(self, u):
-        """Whether the modes draw failures at points (n, d) often enough, (n,)."""
-        if not self.modes:
-            return np.zeros(len(u), dtype=bool)
-        logs = [mode.logRatio(u) + math.log(max(mode.mass, 1e-300)) for mode in self.modes]
-        return np.max(logs, axis=0) > _EXPLAINED
-
     def _explainsOne(self, point):
-        return bool(self._explains(point[None])[0])
+        return bool(explains(self.modes, point[None])[0])
 
     def _follow(self, u, probability):
         """From a failure to its mode. True where the modes have changed."""
@@ -148,7 +145,7 @@ class ModeSampling:
             inside = search.designPoint(basis, inside) if search.fails(inside[None])[0] else last
         point = basis @ (basis.T @ inside)
         distance = float(np.linalg.norm(point))
-        if plane and ndtr(-distance + 0.4) < _NEGLIGIBLE * probability:
+        if self._distantPlanes.takes(inside, normals, probability):
             return False
         if self._explainsOne(point * (1.0 + 0.1 / max(distance, 0.3))):
             return False
@@ -159,6 +156,9 @@ class ModeSampling:
         """Whether a failure belongs to the subspace of a known mode: True where it adds a point, None where not."""
         for mode in self.modes:
             if mode.basis.shape[1] < 2:
+                continue
+            outside = inside - mode.basis @ (mode.basis.T @ inside)
+            if self.search.fails(outside[None])[0]:
                 continue
             point = mode.basis @ (mode.basis.T @ inside)
             distance = np.linalg.norm(point)
@@ -200,7 +200,6 @@ class ModeSampling:
         # Wide runs last: they may have no value.
         order = np.argsort(parts == 1, kind="stable")
         u, parts = u[order], parts[order]
-        expected = self._predictVariance(proposal, probability)
         start, known = len(self._recorder), self._recorder.used()
         pieces = []
         if (parts != 1).any():
@@ -209,26 +208,48 @@ class ModeSampling:
             pieces.append(self._recorder.explore(u[parts == 1], "audit"))
         runs = Runs.concatenate(pieces)
         runs.weights[:] = np.exp(-proposal.logRatio(u))
-        block = Block(runs, start, known, expected)
+        if isinstance(proposal, SelectedProposal):
+            runs.expected[:] = self._surrogates.failure(u)
+            variance = proposal.runVariance()
+            block = Block(runs, start, known, variance, proposal.probability, proposal.poolVariance, proposal)
+        else:
+            block = Block(runs, start, known, self._predictVariance(proposal, probability))
         self.blocks.append(block)
+        self._judgeSurrogates(runs)
         self._all.append((block, proposal))
         self.audited += int(np.count_nonzero(parts == 1))
         for k, mode in enumerate(self.modes):
             mode.given += int(np.count_nonzero(parts == k + 2))
         estimate = Estimate(self.blocks)
         self._learn()
+        self._surrogates.fit(self._recorder.runs(), self.modes)
         surprising = runs.failed & ((parts == 1) | (runs.weights > _LARGEST_WEIGHT * estimate.probability))
         self._followAll(runs.u[surprising], estimate.probability)
         return estimate
 
     def _propose(self, probability):
         wide = _AUDIT_SHARE if self.audited < self.audits else _LATER_AUDIT_SHARE
+        if self._surrogatesHelp:
+            wide = wide / PLAIN_SHARE
         self.spread = auditSpread(probability)
         shares = _NOMINAL_SHARES if probability > _FREQUENT and self._failures is not None else _NOMINAL_SHARES[:1]
         proposals = [
-            ModeProposal(self.modes, self._wideDesign, self.spread, min(share, 0.98 - wide), wide) for share in shares
+            ModeProposal(self.modes, self._wideDesign, self.spread, min(share, 0.98 - wide), wide, self._generator)
+            for share in shares
         ]
-        return min(proposals, key=lambda proposal: self._predictVariance(proposal, probability))
+        best = min(proposals, key=lambda proposal: self._predictVariance(proposal, probability))
+        if not self._surrogatesHelp:
+            return best
+        return SelectedProposal(best, self._surrogates, self._target, self._generator)
+
+    def _judgeSurrogates(self, runs):
+        """Whether the surrogates, which have not learnt these runs, would have made their variance much smaller."""
+        if not self._surrogates.parts:
+            return
+        self._surrogates.judge(runs, self.modes)
+        squares = runs.weights**2
+        corrections = runs.failed - self._surrogates.failure(runs.u)
+        self._surrogatesHelp = bool(squares @ corrections**2 < _HELPFUL * (squares @ runs.failed))
 
     def _predictVariance(self, proposal, probability):
         """Variance of one run of a proposal, by the failures known before it."""
@@ -247,8 +268,7 @@ class ModeSampling:
         logs = [math.log(block.size / total) + proposal.logRatio(u) for block, proposal in self._all]
         weights = np.exp(-logSumExp(np.column_stack(logs))) / total
         self._failures = u, weights
-        belongs = np.column_stack([math.log(max(mode.mass, 1e-300)) + mode.logRatio(u) for mode in self.modes])
-        belongs = np.exp(belongs - logSumExp(belongs)[:, None])
+        belongs = membership(self.modes, u)
         for k, mode in enumerate(self.modes):
             mode.learn(u, weights * belongs[:, k], self._generator)
 
@@ -258,11 +278,13 @@ class ModeSampling:
         for u in failures[np.argsort((failures**2).sum(axis=1))]:
             if followed == _FOLLOWED:
                 break
-            if not self._explains(u[None])[0]:
+            if not self._explainsOne(u):
                 followed += 1
                 changed |= self._follow(u, probability)
         if changed:
             self.blocks = []
+            self._surrogatesHelp = False
+            self._surrogates.fit(self._recorder.runs(), self.modes)
 
     def settle(self) -> bool:
         """Make the wide runs that are missing; whether the estimate lacks nothing that is known.
@@ -271,7 +293,7 @@ class ModeSampling:
         """
         missing = min(self.audits - self.audited, self._left())
         if self._settled() and missing > 0:
-            runs = self._recorder.explore(self._wideDesign.draw(missing, self.spread), "audit")
+            runs = self._recorder.explore(self._all[-1][1].drawWide(missing), "audit")
             self.audited += missing
             self._followAll(runs.u[runs.failed], Estimate(self.blocks).probability)
         return self.settled
@@ -286,5 +308,5 @@ class ModeSampling:
             len(self.blocks) >= _MINIMUM_BLOCKS
             and self.unresolved == 0
             and not any(mode.young for mode in self.modes)
-            and Estimate(self.blocks).hasLightTail()
+            and Estimate(self.blocks).hasLightTail(self._target)
         )

@@ -38,10 +38,10 @@ _MODE_POINTS = 3000
 NOMINAL_SHARE = 0.05
 # Shares of the runs that go to the surrogate's failures, and where it is unsure, at three widths in its own errors:
 # while the limit is learnt, and when failures are to be confirmed.
-_WIDTHS = (1.5, 4.0, 12.0)
-_LEARNING, _CONFIRMING = np.array([0.35, 0.30, 0.18, 0.12]), np.array([0.72, 0.12, 0.07, 0.04])
+WIDTHS = (1.5, 4.0, 12.0)
+LEARNING, CONFIRMING = np.array([0.35, 0.30, 0.18, 0.12]), np.array([0.72, 0.12, 0.07, 0.04])
 # Runs after which a limit that is learnt is to be exact enough.
-_LEARNING_RUNS = 20.0
+LEARNING_RUNS = 20.0
 # The earlier mixture does where this share of its points is effective, wide points among them.
 _LEAST_EFFECTIVE_SHARE, _WIDE_SHARE = 0.03, 0.3
 
@@ -122,6 +122,13 @@ class Proposal:
         chosen, weights = self.pool.select(self.selection, size, generator)
         return self.surrogate.expand(self.pool.points[chosen], generator), chosen, weights
 
+    def drawFailures(self, size: int, generator: np.random.Generator) -> tuple[np.ndarray, float]:
+        """Points (size, d) that fail as the surrogate sees it, and by how much their pool inflates variances."""
+        products = self.pool.weights * self.failure
+        chosen = generator.choice(len(products), size=size, p=products / products.sum())
+        u = self.surrogate.expand(self.pool.points[chosen], generator)
+        return u, 1.0 + size * float((products**2).sum()) / float(products.sum()) ** 2
+
     def reaches(self, u: np.ndarray) -> np.ndarray:
         """Whether points (n, d) of the limit are drawn about as often as failures are, (n,)."""
         y = self.surrogate.reduce(u)
@@ -184,7 +191,7 @@ def propose(
         factor = min(1.2 * missing * factor, surrogate.largestPoolFactor)
 
     bands = [failure]
-    for width in _WIDTHS:
+    for width in WIDTHS:
         share = ndtr(-value / (width * scale))
         bands.append(np.sqrt(share * (1.0 - share)))
     everywhere = (NOMINAL_SHARE, np.ones(len(value)))
@@ -193,10 +200,10 @@ def propose(
         selection = pool.selection([everywhere, *zip(shares, bands, strict=True)])
         return Proposal(surrogate, mixture, pool, failure, probability, variance, selection)
 
-    learning = proposal(_LEARNING)
+    learning = proposal(LEARNING)
     # Where the labels are nearly certain, runs confirm failures; elsewhere they learn the limit.
-    doubt = min(math.sqrt(learning.runVariance() / _LEARNING_RUNS) / (probability * target), 1.0)
-    return proposal(doubt * _LEARNING + (1.0 - doubt) * _CONFIRMING)
+    doubt = min(math.sqrt(learning.runVariance() / LEARNING_RUNS) / (probability * target), 1.0)
+    return proposal(doubt * LEARNING + (1.0 - doubt) * CONFIRMING)
 
 
 def _followed(surrogate, generator, previous):

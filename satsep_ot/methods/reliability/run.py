@@ -192,6 +192,7 @@ class ReliabilityRun:
             self.limitState,
             self.generator,
             self._wideDesign,
+            settings.targetCoefficientOfVariation,
             settings.maximumEvaluations,
             self._audits(1),
             0 if self.surrogateSampling is None else self.surrogateSampling.audited,
@@ -289,7 +290,7 @@ class ReliabilityRun:
         if modes is not None:
             diagnostics["modes"] = float(len(modes.modes))
         else:
-            diagnostics["calibration"] = sampling.observedCalibration
+            diagnostics["calibration"] = sampling.calibration.observed()
         # Only known runs stand before the first ones.
         proposed = sum(block.size for block in sampling.blocks if block.start > 0)
         nominal = sum(map(len, self.recorder.nominal)) + int(NOMINAL_SHARE * proposed)

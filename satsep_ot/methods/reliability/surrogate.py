@@ -34,6 +34,10 @@ _SEARCH_TOLERANCE = 1e-3
 _PARSIMONY = 0.9
 # Up to so many inputs a Gaussian process takes them all; it must raise the mean log density by this to be preferred.
 FEW_INPUTS, _LEAST_GAIN = 10, 0.1
+# Standardised errors beyond this count as this in a score.
+_LARGEST_DEVIATION = 7.0
+# Times that its coordinates are turned at first; later each time that models are chosen.
+_TURNS = 2
 # Points of each step of a search, and growth of the pool, where a process is slow to predict.
 _PROCESS_POINTS, _PROCESS_POOL_FACTOR = 2500, 4.0
 # A search over many points knows the size of the error from so many that are nearest to the limit.
@@ -95,34 +99,44 @@ class RidgeFit:
 
 
 class ProcessFit:
-    """A component's Gaussian process of all inputs, through a link.
+    """A component's Gaussian process of all inputs, through a link, in coordinates along its own active directions.
+
+    A kernel with one length for each coordinate follows a function that varies along few directions only where these
+    are coordinates.
 
     Parameters
     ----------
     u : array (n, d)
     column : array (n,)
     link : Link
-    previous : ProcessFit, optional
-        Its hyper-parameters are the start of the search for these.
+    rotation : array (d, d)
+        Orthogonal; its columns are the coordinates' directions.
+    start : array, optional
+        Hyper-parameters that the search starts from.
     search : bool
-        Whether to look for hyper-parameters; else the previous ones are kept.
+        Whether to look for hyper-parameters; else those of the start are kept.
     """
 
     def __init__(
-        self, u: np.ndarray, column: np.ndarray, link: Link, previous: "ProcessFit | None" = None, search: bool = True
+        self,
+        u: np.ndarray,
+        column: np.ndarray,
+        link: Link,
+        rotation: np.ndarray,
+        start: np.ndarray | None = None,
+        search: bool = True,
     ) -> None:
-        self.link = link
+        self.link, self.rotation = link, rotation
         self.model = RidgeModel(u.shape[1], 0)
         self.directions = np.eye(u.shape[1])
         values = link.forward(column)
         self._rows = chooseRows(values)
-        start = None if previous is None else previous.process.hyper
-        self.process: GaussianProcess = GaussianProcess(u[self._rows], values[self._rows], start, search)
+        self.process: GaussianProcess = GaussianProcess(u[self._rows] @ rotation, values[self._rows], start, search)
         self._logSlope = link.logSlope(column[self._rows])
 
     def variables(self, active: np.ndarray, radius: np.ndarray | None) -> np.ndarray:
-        """The inputs themselves."""
-        return active
+        """The coordinates."""
+        return active @ self.rotation
 
     def predict(self, x: np.ndarray) -> np.ndarray:
         """Linked values (n,) at the variables."""
@@ -133,13 +147,26 @@ class ProcessFit:
         return self.process.predict(x)
 
     def refit(self, u: np.ndarray, column: np.ndarray, weights: np.ndarray) -> "ProcessFit":
-        """The same link and hyper-parameters with other points."""
-        return ProcessFit(u, column, self.link, self, search=False)
+        """The same link, coordinates and hyper-parameters with other points."""
+        return ProcessFit(u, column, self.link, self.rotation, self.process.hyper, search=False)
+
+    def turned(self, u: np.ndarray, column: np.ndarray, weights: np.ndarray) -> "ProcessFit":
+        """A process of the same points in the coordinates of this one's active subspace.
+
+        Constantine, Dow and Wang, SIAM Journal on Scientific Computing 36, 2014, with the gradients of the mean.
+        """
+        slopes = self.process.gradients(u[self._rows] @ self.rotation) @ self.rotation.T
+        _, directions = np.linalg.eigh((slopes * weights[self._rows, None]).T @ slopes)
+        return ProcessFit(u, column, self.link, directions[:, ::-1])
 
     def score(self, weights: np.ndarray) -> float:
         """Weighted mean logarithm of the density of each value by the others, but for a constant."""
         errors, deviations = self.process.leaveOneOut()
-        logs = -np.log(deviations) - 0.5 * np.minimum((errors / deviations) ** 2, 60.0) + self._logSlope
+        logs = (
+            -np.log(deviations)
+            - 0.5 * np.minimum(np.abs(errors / deviations), _LARGEST_DEVIATION) ** 2
+            + self._logSlope
+        )
         return float(np.average(logs, weights=weights[self._rows]))
 
 
@@ -238,14 +265,27 @@ class LimitStateSurrogate:
         if self.inputs > FEW_INPUTS or best.error <= _smallestError(column):
             return best
         processed = self._processed(column)
-        links = candidateLinks(processed) if values.shape[1] == 1 else [Identity()]
-        highest = self._score(best, column) + _LEAST_GAIN
-        for link in links:
-            same = isinstance(old, ProcessFit) and type(old.link) is type(link)
-            process = ProcessFit(u, processed, link, old if same else None)
-            score = self._score(process, processed)
-            if score > highest:
-                best, highest = process, score
+        process = self._chooseProcess(processed, old, single=values.shape[1] == 1)
+        better = self._score(process, processed) > self._score(best, column) + _LEAST_GAIN
+        return process if better else best
+
+    def _chooseProcess(self, column, old, single):
+        """The Gaussian process that predicts best: its link, and its coordinates."""
+        u, _, weights = self._training
+        earlier = old if isinstance(old, ProcessFit) else None
+        rotation = np.eye(self.inputs) if earlier is None else earlier.rotation
+        candidates = []
+        for link in candidateLinks(column) if single else [Identity()]:
+            same = earlier is not None and type(earlier.link) is type(link)
+            candidates.append(ProcessFit(u, column, link, rotation, earlier.process.hyper if same else None))
+        scores = [self._score(process, column) for process in candidates]
+        best, highest = candidates[int(np.argmax(scores))], max(scores)
+        for _ in range(_TURNS if earlier is None else 1):
+            turned = best.turned(u, column, weights)
+            score = self._score(turned, column)
+            if score <= highest:
+                break
+            best, highest = turned, score
         return best
 
     def _score(self, fit, column):
@@ -263,7 +303,11 @@ class LimitStateSurrogate:
         mean, deviation = tested.predictBoth(x)
         link = tested.link if isinstance(tested, ProcessFit) else Identity()
         standard = (link.forward(column[late]) - mean) / deviation
-        logs = link.logSlope(column[late]) - np.log(deviation) - 0.5 * np.minimum(standard**2, 40.0)
+        logs = (
+            link.logSlope(column[late])
+            - np.log(deviation)
+            - 0.5 * np.minimum(np.abs(standard), _LARGEST_DEVIATION) ** 2
+        )
         return 0.25 * fit.score(weights) + 0.75 * float(np.average(logs, weights=weights[late]))
 
     def targets(self, values: np.ndarray) -> np.ndarray:

@@ -12,8 +12,9 @@ import numpy as np
 from scipy.special import ndtr
 
 from satsep_ot.methods.reliability.audits import WideDesign, auditSpread
+from satsep_ot.methods.reliability.calibration import Calibration
 from satsep_ot.methods.reliability.estimate import Block, Estimate
-from satsep_ot.methods.reliability.limit_search import LimitSearch, isPlane
+from satsep_ot.methods.reliability.limit_search import DistantPlanes, LimitSearch
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
 from satsep_ot.methods.reliability.proposal import Proposal, propose
 from satsep_ot.methods.reliability.recorder import KNOWN, KNOWN_DRAWN, RunRecorder
@@ -26,8 +27,6 @@ _SMALLEST_EXPECTED, _SMALLEST_EXPECTED_PROPOSED = 1e-2, 1e-3
 # The surrogate agrees with a limit where it fails so far beyond it and is safe so far before it; a hit in about the
 # direction of one that was looked at is the same.
 _BEYOND, _BEFORE, _SAME_DIRECTION = 0.25, 0.35, 0.9
-# Regions beyond a plane of less than this share of the probability do not matter, with a margin of their distance.
-_NEGLIGIBLE, _MARGIN = 0.01, 0.4
 # A surrogate that needs more runs than this, and has not become better for so many blocks, is left after so many runs
 # and two for each input.
 _DEAR_RUNS, _IDLE_BLOCKS, _PATIENCE = 2500, 4, 200
@@ -76,8 +75,8 @@ class SurrogateSampling:
         Wide runs made.
     spread : float
         Standard deviation of the last of them.
-    observedCalibration : float
-        Root mean square of the standardised errors of prediction of the latest runs.
+    calibration : Calibration
+        From the errors of prediction of the latest runs.
     """
 
     def __init__(
@@ -98,15 +97,14 @@ class SurrogateSampling:
         self._proposal: Proposal | None = None
         self.blocks: list[Block] = []
         self.audited, self.spread = 0, 2.0
-        self.observedCalibration = 1.0
-        # Squared standardised errors (n, p) of runs that were predicted before they were learnt, and their weights.
-        self._errors: list[tuple[np.ndarray, np.ndarray]] = []
+        self.calibration = Calibration()
         self._selectedAt = 0
         self._weightWidth = math.nan
         self._leastWidth = 0.2 * float(recorder.runs().margins[recorder.runs().finite].std())
         # Failures that the surrogate did not expect, and the rows of all runs that ever were.
         self._hits: list[np.ndarray] = []
         self._noted: set[int] = set()
+        self._distantPlanes = DistantPlanes()
         self._idle, self._contradicted, self._best = 0, 0, math.inf
 
     def step(self) -> Verdict:
@@ -199,17 +197,7 @@ class SurrogateSampling:
             self.surrogate,
             reselect=reselect,
         )
-        self.surrogate.calibration *= self._calibration()
-
-    def _calibration(self):
-        """Factor on the surrogate's errors (p,), from the latest errors of prediction."""
-        if not self._errors:
-            return 1.2
-        squares, weights = (np.concatenate(parts) for parts in zip(*self._errors, strict=True))
-        latest = max(30, len(weights) // 4)
-        squares, weights = np.minimum(squares[-latest:], 36.0), weights[-latest:]
-        self.observedCalibration = float(np.sqrt((weights @ squares).mean() / max(weights.sum(), 1e-300)))
-        return np.clip(np.sqrt((4.0 + weights @ squares) / (4.0 + weights.sum())), 0.8, 5.0)
+        self.surrogate.calibration *= self.calibration.factors()
 
     def _keepErrors(self, runs, calibration):
         rows = runs.finite
@@ -218,7 +206,7 @@ class SurrogateSampling:
         targets = self.surrogate.targets(self._limitState.smooth(runs.outputs[rows]))
         standardised = (targets - self.surrogate.predict(y)) / errors
         weights = 1.0 / (1.0 + (runs.margins[rows] / self._weightWidth) ** 2)
-        self._errors.append((standardised**2, weights))
+        self.calibration.add(standardised, weights)
 
     # Runs. -----------------------------------------------------------------------------------------------------------
 
@@ -252,7 +240,7 @@ class SurrogateSampling:
         size = self._size()
         chosen = self._generator.choice(np.argsort(value)[: max(100, 4 * size)], size, replace=False)
         runs = self._recorder.explore(u[chosen], "exploration")
-        self._keepErrors(runs, self._calibration())
+        self._keepErrors(runs, self.calibration.factors())
         return Verdict.GOES_ON
 
     def _makeBlock(self, proposal):
@@ -264,7 +252,7 @@ class SurrogateSampling:
         wide = min(max(round(size * share + self._generator.random() - 0.5), 1), max(size - 2, 0))
         u, chosen, weights = proposal.draw(size - wide, self._generator)
         start, known = len(self._recorder), self._recorder.used()
-        calibration = self._calibration()
+        calibration = self.calibration.factors()
         runs = self._recorder.evaluate(u, "estimation")
         runs = dataclasses.replace(runs, weights=weights, expected=proposal.failure[chosen])
         self.blocks.append(
@@ -279,11 +267,13 @@ class SurrogateSampling:
         return Estimate(self.blocks[-3:]).coefficientOfVariation() < 0.4
 
     def _audit(self, size):
+        # Where the surrogate expects failures, another failure region could not be told from its own.
         start = len(self._recorder)
-        runs = self._recorder.explore(self._wideDesign.draw(size, self.spread), "audit")
+        wide = self._wideDesign.drawWhere(lambda u: self._failure(u) < 0.5, size, self.spread)
+        runs = self._recorder.explore(wide, "audit")
         self.audited += size
         if self._limitState.dimension <= FEW_INPUTS:
-            self._keepErrors(runs, self._calibration())
+            self._keepErrors(runs, self.calibration.factors())
         self._noteHits(start + np.flatnonzero(runs.failed & (self._failure(runs.u) < _SMALLEST_EXPECTED)))
 
     # Hits. -----------------------------------------------------------------------------------------------------------
@@ -318,8 +308,7 @@ class SurrogateSampling:
             if len(u) <= FEW_INPUTS or self._failure(point[None])[0] < _SMALLEST_EXPECTED:
                 point, normals = self.search.approachDesignPoint(point)
                 distance = np.linalg.norm(point)
-                negligible = ndtr(_MARGIN - distance) < _NEGLIGIBLE * self._proposal.probability
-                if negligible and isPlane(point, normals):
+                if self._distantPlanes.takes(point, normals, self._proposal.probability):
                     continue
                 points = point * (1.0 + np.array([[-_BEFORE], [_BEYOND]]) / distance)
                 before, beyond = self._failure(points)
