@@ -92,9 +92,10 @@ class Estimate:
         own = np.array([block.surrogateProbability for block in blocks])
         expected = np.array([block.runVariance for block in blocks])
         means = own + [block.corrections.mean() for block in blocks]
-        latest = own[-1] if own[-1] > 0.0 else float(means[-1])
-        missed = np.where(own > 0.0, np.maximum(np.abs(own - latest) - _AGREEMENT * latest, 0.0), 0.0)
-        expected = expected + _MISSED_WEIGHT * missed
+        latest = float(sizes @ means) / float(sizes.sum())
+        if (own > 0.0).all():
+            latest = own[-1]
+            expected = expected + _MISSED_WEIGHT * np.maximum(np.abs(own - latest) - _AGREEMENT * latest, 0.0)
         shares = sizes * known / np.maximum(expected, max((0.5 * latest) ** 2, 1e-300))
         self.shares = shares / shares.sum()
         self.probability = float(self.shares @ means)

@@ -32,6 +32,8 @@ _MINIMUM_BLOCKS = 3
 _AUDIT_SHARE, _LATER_AUDIT_SHARE = 0.2, 0.08
 # Surrogates that make the variance of a run smaller than by this factor are used.
 _HELPFUL = 0.5
+# Their probability is not believed where it differs from the estimate by more than this factor.
+_BELIEVED = 3.0
 # Spreads of wide runs while no failure is known, and the runs, and their share of all, after which these are given up.
 _SPREADS = (2.0, 3.0, 4.0, 1.5, 2.5, 3.5)
 _FRUITLESS_RUNS, _FRUITLESS_SHARE = 1500, 0.3
@@ -240,7 +242,9 @@ class ModeSampling:
         best = min(proposals, key=lambda proposal: self._predictVariance(proposal, probability))
         if not self._surrogatesHelp:
             return best
-        return SelectedProposal(best, self._surrogates, self._target, self._generator)
+        selected = SelectedProposal(best, self._surrogates, self._target, self._generator)
+        believed = probability / _BELIEVED < selected.probability < _BELIEVED * probability
+        return selected if believed else best
 
     def _judgeSurrogates(self, runs):
         """Whether the surrogates, which have not learnt these runs, would have made their variance much smaller."""

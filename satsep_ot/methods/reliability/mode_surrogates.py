@@ -17,10 +17,16 @@ from satsep_ot.methods.reliability.limit_state import Runs
 from satsep_ot.methods.reliability.proposal import CONFIRMING, LEARNING, LEARNING_RUNS, WIDTHS
 from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate
 
-# Runs of a mode, for each input, and in all, below which it has no surrogate.
-_LEAST_RUNS, _LEAST_RUNS_OF_INPUT = 20, 1.3
+# Runs of a mode, and beside them for each input, below which it has no surrogate of its subspace, or of all inputs.
+_LEAST_RUNS, _LEAST_RUNS_OF_INPUT = 15, 1.3
 # Models are chosen anew when the runs have grown by this share.
 _RESELECTION = 0.25
+# A point is near a mode where this draws at least as many as this share of the largest density over the nominal one.
+_NEAR = math.log(1e-3)
+# A run belongs to a mode where no other one draws it more often than this share of the mode's own.
+_BESIDE = 0.2
+# Standardised error of a value that belongs to another mode.
+_EXCLUDED = 6.0
 # Share of the runs that the surrogates have no part in.
 PLAIN_SHARE = 0.4
 _POOL_SIZE, _LARGEST_POOL = 10_000, 60_000
@@ -28,69 +34,149 @@ _POOL_SIZE, _LARGEST_POOL = 10_000, 60_000
 _POOL_SHARE = 0.4
 
 
+class ModeSurrogate:
+    """Surrogate of the limit state near one mode: of the coordinates of its subspace, or of all inputs.
+
+    Parameters
+    ----------
+    mode : FailureMode
+    basis : array (d, r)
+        Orthonormal; of the coordinates.
+    u : array (n, d)
+    margins : array (n,)
+    previous : ModeSurrogate, optional
+        Its models are the start of this fit.
+    reselect : bool
+        Whether to choose models anew.
+    """
+
+    def __init__(
+        self,
+        mode: FailureMode,
+        basis: np.ndarray,
+        u: np.ndarray,
+        margins: np.ndarray,
+        previous: "ModeSurrogate | None" = None,
+        reselect: bool = True,
+    ) -> None:
+        self._mode, self.basis = copy.copy(mode), basis
+        earlier = None
+        if previous is not None and previous.basis.shape == basis.shape and np.allclose(previous.basis, basis):
+            earlier = previous.surrogate
+        self.surrogate = LimitStateSurrogate(
+            u @ basis, margins[:, None], _identity, _nearness(margins), earlier, reselect or earlier is None
+        )
+
+    def score(self) -> float:
+        """Mean logarithm of the density of prediction."""
+        return self.surrogate.score()
+
+    def standardised(self, u: np.ndarray) -> np.ndarray:
+        """Predicted limit state over the size of its error, (n,); infinite far from the mode."""
+        near = isNear(self._mode, u)
+        standardised = np.full(len(u), np.inf)
+        if near.any():
+            value, scale = self.surrogate.limitState(self.surrogate.reduce(u[near] @ self.basis))
+            standardised[near] = value / scale
+        return standardised
+
+    def errors(self, u: np.ndarray, margins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Errors of known values (n,), over their size, and this size, on the scale that the surrogate is fitted on."""
+        value, size = self.surrogate.predictBoth(self.surrogate.reduce(u @ self.basis))
+        return ((self.surrogate.targets(margins[:, None]) - value) / size)[:, 0], size[:, 0]
+
+    def logLikelihood(self, u: np.ndarray, margins: np.ndarray) -> np.ndarray:
+        """Logarithm (n,) of the density of values; a large error counts as one that is excluded."""
+        errors, size = self.errors(u, margins)
+        link = self.surrogate.link
+        logSlope = 0.0 if link is None else link.logSlope(margins)
+        return logSlope - np.log(size) - 0.5 * np.minimum(np.abs(errors), _EXCLUDED) ** 2
+
+
 class ModeSurrogates:
     """Surrogates of all modes.
 
     Attributes
     ----------
-    parts : list of LimitStateSurrogate or None
+    parts : list of ModeSurrogate or None
         One for each mode; None where its runs are too few.
     """
 
     def __init__(self) -> None:
-        self.parts: list[LimitStateSurrogate | None] = []
+        self.parts: list[ModeSurrogate | None] = []
         self._calibrations: list[Calibration] = []
         self._selectedAt = 0
 
     def fit(self, runs: Runs, modes: list[FailureMode]) -> None:
-        """Fit to all runs that have a value, each of which belongs to the mode that draws it most often."""
+        """Fit to all runs that have a value and belong to one mode."""
         rows = np.flatnonzero(runs.finite & (runs.phases != "search"))
         u, margins = runs.u[rows], runs.margins[rows]
-        belongs = membership(modes, u).argmax(axis=1)
-        same = len(self.parts) == len(modes)
-        reselect = not same or len(rows) >= (1.0 + _RESELECTION) * self._selectedAt
+        if len(self.parts) != len(modes):
+            self.parts, self._calibrations = [None] * len(modes), [Calibration() for _ in modes]
+            self._selectedAt = 0
+        belongs = self._assign(u, margins, modes)
+        reselect = len(rows) >= (1.0 + _RESELECTION) * self._selectedAt
         if reselect:
             self._selectedAt = len(rows)
-        if not same:
-            self._calibrations = [Calibration() for _ in modes]
-        earlier = self.parts if same else [None] * len(modes)
-        self.parts = []
-        for k, previous in enumerate(earlier):
+        for k, mode in enumerate(modes):
             own = belongs == k
-            if own.sum() < _LEAST_RUNS + _LEAST_RUNS_OF_INPUT * u.shape[1] or np.ptp(margins[own]) == 0.0:
-                self.parts.append(None)
-                continue
-            values = margins[own]
-            part = LimitStateSurrogate(u[own], values[:, None], _identity, _nearness(values), previous, reselect)
-            part.calibration *= self._calibrations[k].factors()
-            self.parts.append(part)
+            self.parts[k] = self._fitOne(mode, u[own], margins[own], self.parts[k], reselect)
+            if self.parts[k] is not None:
+                self.parts[k].surrogate.calibration *= self._calibrations[k].factors()
+
+    @staticmethod
+    def _fitOne(mode, u, margins, previous, reselect):
+        n, d = u.shape
+        if n < _LEAST_RUNS + _LEAST_RUNS_OF_INPUT * mode.basis.shape[1] or np.ptp(margins) == 0.0:
+            return None
+        ofAll = n >= _LEAST_RUNS + _LEAST_RUNS_OF_INPUT * d
+        if previous is not None and not reselect:
+            return ModeSurrogate(mode, previous.basis, u, margins, previous, False)
+        part = ModeSurrogate(mode, mode.basis, u, margins, previous)
+        if ofAll:
+            whole = ModeSurrogate(mode, np.eye(d), u, margins, previous)
+            part = whole if whole.score() > part.score() else part
+        return part
+
+    def _assign(self, u, margins, modes):
+        """The mode (n,) of each run: which draws it most often, and whose surrogate, where all have one, has its value;
+        -1 where none does clearly, or where it is near none."""
+        logs = np.log(np.maximum(membership(modes, u), 1e-300))
+        near = np.column_stack([isNear(mode, u) for mode in modes])
+        logs[~near] = -np.inf
+        if len(self.parts) == len(modes) and all(part is not None for part in self.parts):
+            for k, part in enumerate(self.parts):
+                logs[:, k] += part.logLikelihood(u, margins)
+        best = logs.argmax(axis=1)
+        others = logs.copy()
+        others[np.arange(len(u)), best] = -np.inf
+        highest = logs.max(axis=1)
+        clear = others.max(axis=1, initial=-np.inf) < highest + math.log(_BESIDE)
+        return np.where(np.isfinite(highest) & clear, best, -1)
 
     def judge(self, runs: Runs, modes: list[FailureMode]) -> None:
         """Note how far runs that are not yet learnt are from their predictions."""
-        belongs = membership(modes, runs.u).argmax(axis=1)
+        belongs = self._assign(runs.u, runs.margins, modes)
         for k, (part, calibration) in enumerate(zip(self.parts, self._calibrations, strict=True)):
             own = runs.finite & (belongs == k)
             if part is None or not own.any():
                 continue
-            value, error = part.predictBoth(part.reduce(runs.u[own]))
-            margins = runs.margins[own]
-            standardised = (part.targets(margins[:, None]) - value) / (error / calibration.factors())
-            calibration.add(standardised, _nearness(margins))
+            errors, _ = part.errors(runs.u[own], runs.margins[own])
+            calibration.add((errors * calibration.factors())[:, None], _nearness(runs.margins[own]))
 
     def standardised(self, u: np.ndarray) -> np.ndarray:
-        """Predicted limit state over the size of its error, (n, number of parts); infinite without a surrogate."""
-        columns = []
-        for part in self.parts:
-            if part is None:
-                columns.append(np.full(len(u), np.inf))
-            else:
-                value, scale = part.limitState(part.reduce(u))
-                columns.append(value / scale)
-        return np.column_stack(columns)
+        """Predicted limit state over the size of its error, (n, number of modes); infinite without a surrogate."""
+        infinite = np.full(len(u), np.inf)
+        return np.column_stack([infinite if part is None else part.standardised(u) for part in self.parts])
 
     def failure(self, u: np.ndarray) -> np.ndarray:
         """Probability of failure at points (n, d), (n,)."""
         return _union(self.standardised(u), 1.0)
+
+
+def isNear(mode: FailureMode, u: np.ndarray) -> np.ndarray:
+    """Whether points (n, d) are near a mode, (n,)."""
+    return mode.logRatio(u) + math.log(max(mode.mass, 1e-300)) > _NEAR
 
 
 def _identity(values):
@@ -132,6 +218,7 @@ class SelectedProposal:
         self, proposal: ModeProposal, surrogates: ModeSurrogates, target: float, generator: np.random.Generator
     ) -> None:
         self.proposal, self.surrogates = proposal, copy.copy(surrogates)
+        self.surrogates.parts = list(surrogates.parts)
         size = _POOL_SIZE
         while True:
             self._u, self._parts = proposal.sample(size, generator)

@@ -310,6 +310,12 @@ class LimitStateSurrogate:
         )
         return 0.25 * fit.score(weights) + 0.75 * float(np.average(logs, weights=weights[late]))
 
+    def score(self) -> float:
+        """Mean logarithm of the density of prediction of a single component, but for a constant."""
+        _, values, _ = self._training
+        fit = self.components[0]
+        return self._score(fit, self._processed(values[:, 0], fit))
+
     def targets(self, values: np.ndarray) -> np.ndarray:
         """What `predict` predicts (n, p) where the components have these values (n, p)."""
         return values if self.link is None else self.link.forward(self._limit(values))[:, None]
