@@ -34,8 +34,9 @@ _COMPLEMENT_SHARE = 0.6
 _FIRST_SPREAD = 2.0
 # Error of a verdict over all looks together.
 _VERDICT_ERROR = 0.05
-# Modes are given up for subset simulation where so many runs have brought no estimate of any use.
-_HOPELESS_RUNS, _HOPELESS_VARIATION = 0.4, 0.8
+# Modes are given up for subset simulation where so many runs have brought no estimate of any use, or where after a
+# block so many are known and still more come.
+_HOPELESS_RUNS, _HOPELESS_VARIATION, _TOO_MANY_MODES = 0.4, 0.8, 15
 _SUBSET_RUNS = 7 * 20
 
 
@@ -211,7 +212,8 @@ class ReliabilityRun:
             if ending is not None:
                 return self._conclude(ending)
             spent = recorder.used() - start > _HOPELESS_RUNS * settings.maximumEvaluations
-            if spent and estimate.coefficientOfVariation() > _HOPELESS_VARIATION:
+            useless = spent and estimate.coefficientOfVariation() > _HOPELESS_VARIATION
+            if useless or (not sampling.blocks and len(sampling.modes) > _TOO_MANY_MODES):
                 return self._handOver(Ending.POOR_SURROGATE)
         return self._conclude(Ending.EVALUATIONS_USED)
 
