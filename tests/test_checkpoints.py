@@ -164,12 +164,16 @@ def test_what_gave_no_value_far_out_gives_none_again(tmp_path):
 def test_exact_gradients_are_kept(tmp_path):
     asked = []
 
+    def evaluate(x):
+        return [max(x[0] ** 3, 1e5 * (x[1] - 3.6))]
+
     def gradient(x):
         asked.append(x)
-        return [[3.0 * x[0] ** 2 * (x[0] > x[1])], [3.0 * x[1] ** 2 * (x[1] >= x[0])]]
+        first = x[0] ** 3 > 1e5 * (x[1] - 3.6)
+        return [[3.0 * x[0] ** 2 * first], [1e5 * (not first)]]
 
-    # Two modes, which no surrogate follows.
-    function = ot.PythonFunction(2, 1, lambda x: [max(x[0], x[1]) ** 3], gradient=gradient)
+    # Two modes of very different slopes, which no surrogate follows.
+    function = ot.PythonFunction(2, 1, evaluate, gradient=gradient)
     results = []
     for _ in range(2):
         algorithm = ActiveSubspaceReliability(threshold(function, value=40.0))

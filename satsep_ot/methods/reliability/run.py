@@ -317,7 +317,7 @@ class ReliabilityRun:
             probability=min(max(estimate.probability, 0.0), 1.0),
             variance=estimate.variance,
             interval=interval,
-            surrogateProbability=estimate.surrogateProbability if modes is None else None,
+            surrogateProbability=estimate.surrogateProbability or None,
             diagnostics=diagnostics,
             audits=sampling.audited,
             auditSpread=sampling.spread,
