@@ -60,10 +60,10 @@ class ModeSurrogate:
         reselect: bool = True,
     ) -> None:
         self._mode, self.basis = copy.copy(mode), basis
-        earlier = None
+        earlier: LimitStateSurrogate | None = None
         if previous is not None and previous.basis.shape == basis.shape and np.allclose(previous.basis, basis):
             earlier = previous.surrogate
-        self.surrogate = LimitStateSurrogate(
+        self.surrogate: LimitStateSurrogate = LimitStateSurrogate(
             u @ basis, margins[:, None], _identity, _nearness(margins), earlier, reselect or earlier is None
         )
 
@@ -120,9 +120,9 @@ class ModeSurrogates:
             self._selectedAt = len(rows)
         for k, mode in enumerate(modes):
             own = belongs == k
-            self.parts[k] = self._fitOne(mode, u[own], margins[own], self.parts[k], reselect)
-            if self.parts[k] is not None:
-                self.parts[k].surrogate.calibration *= self._calibrations[k].factors()
+            part = self.parts[k] = self._fitOne(mode, u[own], margins[own], self.parts[k], reselect)
+            if part is not None:
+                part.surrogate.calibration *= self._calibrations[k].factors()
 
     @staticmethod
     def _fitOne(mode, u, margins, previous, reselect):
