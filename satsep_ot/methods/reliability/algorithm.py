@@ -44,8 +44,9 @@ class ActiveSubspaceReliability(OpenTURNSObject):
     Parameters
     ----------
     event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
-        Inputs are continuous with an iso-probabilistic transformation to independent standard normal variables. Where
-        their distribution has only the default names X0, X1, ..., results use the names of the function's inputs.
+        Inputs are continuous with an iso-probabilistic transformation to independent standard normal variables; for
+        others there is :class:`~satsep_ot.methods.reliability.conditional.ConditionalReliability`. Where their
+        distribution has only the default names X0, X1, ..., results use the names of the function's inputs.
 
     Raises
     ------
