@@ -4,10 +4,12 @@ import itertools
 import math
 
 import numpy as np
+import openturns as ot
 import pytest
 from reliability_events import event, recorded, run, symbolicEvent
 from scipy.stats import chi2, ncx2, norm
 
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.audits import WideDesign
 from satsep_ot.methods.reliability.mode_sampling import ModeSampling
 from satsep_ot.methods.reliability.outcome import Ending
@@ -265,3 +267,21 @@ def test_a_failure_beside_a_sphere_that_fails_more_often_is_found():
             getattr(result.getConfidenceInterval(0.999), f"get{side}Bound")()[0] for side in ("Lower", "Upper")
         )
         assert low < truth < high or not result.getConverged()
+
+
+def test_a_result_of_several_modes_says_that_components_would_save_runs():
+    def two(u):
+        return np.column_stack([3.0 - u @ ROOT, 1e6 * (3.2 + u[:, 2])])
+
+    alone = run(event(lambda u: two(u).min(axis=1), 4))
+    assert "2 failure modes were found" in alone.getReason()
+    assert "components (setComponents) save runs" in alone.getReason()
+
+    function = ot.PythonFunction(4, 2, func_sample=lambda u: two(np.asarray(u)))
+    ot.RandomGenerator.SetSeed(0)
+    algorithm = ActiveSubspaceReliability(event(lambda u: two(u).min(axis=1), 4))
+    algorithm.setComponents(function, ot.SymbolicFunction(["a", "b"], ["min(a, b)"]))
+    algorithm.run()
+    parts = algorithm.getResult()
+    assert "save runs" not in parts.getReason()
+    assert parts.getEvaluationNumber() < 0.7 * alone.getEvaluationNumber()

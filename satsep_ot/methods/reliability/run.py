@@ -307,6 +307,11 @@ class ReliabilityRun:
                 "the probability is at least the lower bound: failures were seen, or may be there, that the estimate "
                 "lacks"
             )
+        if modes is not None and len(modes.modes) > 1 and self.settings.function is None:
+            remarks.append(
+                f"{len(modes.modes)} failure modes were found: where the function can give a margin for each, "
+                "components (setComponents) save runs"
+            )
         method = "ActiveSubspace" if modes is None else "ImportanceSampling"
         blocks, limitState, seed = list(sampling.blocks), self.limitState, int(self.generator.integers(2**31))
         return self._outcome(
