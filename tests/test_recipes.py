@@ -60,6 +60,54 @@ def test_a_force_law(tmp_path):
     assert " passed" in recipe.run("-m", "pytest", "-q", "-p", "no:cacheprovider", "tests/test_force_contract.py")
 
 
+CONE = """
+import json
+import numpy as np
+from satsep_ot.dynamics.contact import Contact
+from satsep_ot.dynamics.separation import Body, Separation, Springs
+from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
+
+# One point at the centre of mass flies into the cone; without friction and damping it is reflected.
+heavy = 1e9 * np.ones(3)
+separation = Separation(
+    Body(1e9, heavy), Body(100.0, heavy, [0.0, 0.1, 0.0]), Springs([0.0], 0.3, 5500.0, 0.04, 0.03, scale=0.0),
+    impulse=[20.0, 1.0, 5.0], envelope=[[0.0, 0.1, 0.0], [0.0, 0.1, 0.001]], recess_radius=0.3, recess_depth=0.5,
+    contact=Contact(0.3, restitution=1.0, friction=0.0, stiffness=1e9, points=0, walls=True, surface="cone"),
+)
+names = separation.parameter_names()
+k, step = names.index("recess_radius"), 1e-6
+fields = ["axial_velocity", "lateral_velocity", "last_contact"]
+outcome = simulate_with_gradients(separation, quantities=fields, tolerance=1e-12)
+rows = np.tile(separation.parameters(), (2, 1))
+rows[:, k] += [step, -step]
+around = simulate(separation, rows, tolerance=1e-13)
+print(json.dumps([
+    outcome.base[0, 3:6].tolist(), outcome.explain(0),
+    [outcome.quantity_gradient(name)[0, k] for name in fields],
+    [(around.quantity(name)[0] - around.quantity(name)[1]) / (2.0 * step) for name in fields],
+]))
+"""
+
+
+@pytest.mark.slow
+def test_a_contact_surface(tmp_path):
+    recipe = Recipe("A contact surface", tmp_path)
+    (function,), (row,) = recipe.python_blocks(), recipe.rows()
+    path = "satsep_ot/dynamics/kernels/contact.py"
+    recipe.insert(path, function + "\n\n", before="# Curved surfaces of the platform")
+    recipe.insert(path, f"    {row}", before='    "cylinder": cylinder,')
+    velocity, told, gradient, differences = json.loads(recipe.run("-c", CONE))
+    assert told == "the separation completed"
+    # v - 2 (v . n) n with the normal where it meets the cone: the direction of the way across the axis.
+    v = [20.0 / 100.0, 1.0 / 100.0, 5.0 / 100.0]
+    across = math.hypot(v[0], v[2])
+    cosine = 1.0 / math.sqrt(1.25)
+    n = [-v[0] / across * cosine, 0.5 * cosine, -v[2] / across * cosine]
+    along = sum(a * b for a, b in zip(v, n, strict=True))
+    assert velocity == pytest.approx([a - 2.0 * along * b for a, b in zip(v, n, strict=True)], rel=2e-2, abs=1e-4)
+    assert gradient == pytest.approx(differences, rel=1e-3, abs=1e-4)
+
+
 TUMBLE = """
 import json
 import numpy as np

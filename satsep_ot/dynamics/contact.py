@@ -62,6 +62,8 @@ class Contact(_Part):
         deck holds nothing.
     first_angle : of the points on the ring [rad].
     walls : whether the walls of the recess hold the envelope points.
+    surface : what the curved wall of the recess is, of which the radius is the size: one of
+        `satsep_ot.dynamics.kernels.contact.SURFACES`. Clearances are those from a cylinder.
 
     Raises
     ------
@@ -80,9 +82,12 @@ class Contact(_Part):
     points: Any = 48
     first_angle: float = 0.0
     walls: bool = False
+    surface: str = "cylinder"
 
     def __post_init__(self):
         _check_restitution("contact", self.restitution)
+        if self.surface not in kernel.SURFACES:
+            raise ValueError(f"contact.surface = {self.surface!r}; it must be one of {', '.join(kernel.SURFACES)}")
         if np.ndim(self.points) == 0:
             if not (int(self.points) == self.points and 0 <= self.points <= 120):
                 raise ValueError(f"contact.points = {self.points}; it must be a number from 0 to 120, or places")
@@ -253,9 +258,10 @@ def elements_of(
         for number in range(len(contact.angles()) + len(contact.feet())):
             add(f"deck{number}", kind=kernel.PLANE, group=kernel.DECK, number=number, normal=(0.0, 1.0, 0.0))
         if contact.walls:
+            curved = list(kernel.SURFACES).index(contact.surface)
             for number in range(len(points)):
                 if has_cylinder:
-                    add(f"cyl{number}", kind=kernel.CYLINDER, group=kernel.RECESS, number=number)
+                    add(f"cyl{number}", kind=kernel.CURVED, group=kernel.RECESS, number=number, wall=curved)
                 for wall, plane in enumerate(planes):
                     add(
                         f"plane{wall}.{number}", kind=kernel.PLANE, group=kernel.RECESS, number=number, wall=wall,
@@ -285,3 +291,44 @@ def elements_of(
         for name, value in row.items():
             element[name] = value
     return elements, names
+
+
+def element_places(separation: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Where the elements of contact of a separation are, in their order.
+
+    Parameters
+    ----------
+    separation : Separation
+
+    Returns
+    -------
+    places : ndarray, shape (M, 3)
+        From the ring centre of the body whose point it is, in its axes [m].
+    on_platform : ndarray of bool, shape (M,)
+        Whether that is the platform; else the satellite.
+    """
+    elements, _ = separation.contact_elements()
+    contact, rails, bolts = separation.contact, separation.rails, separation.hold_downs
+
+    def on_ring(angle, radius):
+        return radius * np.cos(angle), 0.0, radius * np.sin(angle)
+
+    def place(element):
+        number = element["number"]
+        if element["group"] == kernel.DECK:
+            feet = contact.feet()
+            return feet[number] if len(feet) else on_ring(contact.angles()[number], contact.radius)
+        if element["group"] == kernel.RECESS:
+            return separation.recess_points()[number]
+        if element["group"] == kernel.HOLD_DOWN:
+            return on_ring(bolts.angle[number], bolts.radius[number])
+        if element["group"] == kernel.CONNECTOR:
+            return separation.springs.seats()[number]
+        x, end, z = element["other"]
+        if element["group"] == kernel.RAIL_END:
+            return x * rails.half_width, rails.satellite[int(end)], z * rails.half_width
+        width = rails.half_width + rails.clearance
+        return x * width, rails.mouth, z * width
+
+    places = np.array([place(element) for element in elements]).reshape(-1, 3)
+    return places, elements["group"] == kernel.RAIL_MOUTH

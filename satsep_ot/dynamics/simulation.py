@@ -16,6 +16,9 @@ from satsep_ot.dynamics.kernels.adjoint import (
     CLEARANCE_OUTPUT,
     DECK_OUTPUT,
     EXIT_OUTPUT,
+    FORCE_OUTPUT,
+    IMPULSE_OUTPUT,
+    LAST_CONTACT_OUTPUT,
     NO_OUTPUT,
     STATE_OUTPUT,
     TIME_OUTPUT,
@@ -36,7 +39,7 @@ from satsep_ot.dynamics.kernels.records import (
     ContactBuffers,
 )
 from satsep_ot.dynamics.kernels.run import RELEASE
-from satsep_ot.dynamics.quantities import CONTACT_QUANTITIES, STATE_FIELDS, base_fields, quantity_table
+from satsep_ot.dynamics.quantities import STATE_FIELDS, base_fields, quantity_table
 from satsep_ot.dynamics.relative_orbit import closest_approaches
 from satsep_ot.dynamics.rotations import rotation_matrix
 from satsep_ot.dynamics.separation import (
@@ -225,12 +228,10 @@ class Outcome:
         Raises
         ------
         ValueError
-            If the runs were made without gradients, or the quantity has none.
+            If the runs were made without gradients.
         """
         if self.gradients is None:
             raise ValueError("the runs have no gradients; simulate_with_gradients gives them")
-        if name in CONTACT_QUANTITIES:
-            raise ValueError(f"{name} has no gradient; take a method that needs none, such as Monte Carlo")
         quantity = self._table[name]
         by_field = quantity.gradient(self._fields(quantity))
         ran = [place for place, field in enumerate(quantity.fields) if field in self._columns]
@@ -353,7 +354,7 @@ def simulate_with_gradients(
     outputs = np.zeros(-(-len(swept) // LANES) * LANES, records.OUTPUT)
     outputs["kind"] = NO_OUTPUT
     for output, column in zip(outputs, swept, strict=False):
-        output["kind"], output["index"] = _output(column)
+        output["kind"], output["index"] = _output(column, len(separation.recess_points()))
     outcome, _, gradients = _simulate(separation, parameters, np.empty(0), tolerance, outputs)
     full = np.zeros((len(gradients), len(fields), gradients.shape[2]))
     full[:, swept] = gradients[:, : len(swept)]
@@ -365,13 +366,15 @@ def simulate_with_gradients(
     return replace(outcome, gradients=full)
 
 
-def _output(column):
-    """What the kernels call a column of the base."""
+def _output(column, point_number):
+    """What the kernels call a column of the base, with `point_number` envelope points."""
     if column < STATE_SIZE:
         return STATE_OUTPUT, column
     if column < RESULT_SIZE:
         return (TIME_OUTPUT, CLEARANCE_OUTPUT, DECK_OUTPUT)[column - STATE_SIZE], 0
-    return EXIT_OUTPUT, column - RESULT_SIZE
+    if column < RESULT_SIZE + point_number:
+        return EXIT_OUTPUT, column - RESULT_SIZE
+    return (IMPULSE_OUTPUT, FORCE_OUTPUT, LAST_CONTACT_OUTPUT)[column - RESULT_SIZE - point_number], 0
 
 
 def _coast(separation, parameters, base, gradient=False):

@@ -18,6 +18,7 @@ from satsep_ot.dynamics.kernels.constants import (
     initial_state_adjoint,
     mounting_error_adjoint,
 )
+from satsep_ot.dynamics.kernels.contact import sum_of_normal_forces
 from satsep_ot.dynamics.kernels.deck import deck_height_adjoint, starts_below
 from satsep_ot.dynamics.kernels.envelope import AT_EXIT, AT_START, INSIDE, clearance_adjoint
 from satsep_ot.dynamics.kernels.integration import (
@@ -46,6 +47,8 @@ from satsep_ot.dynamics.kernels.vectors import add, clear, clear_rows, rotation,
 # Which number of a run is differentiated: one of the state at the last release, its time, the smallest clearance, the
 # clearance of one point at its exit, the smallest height over the deck; or none.
 STATE_OUTPUT, TIME_OUTPUT, CLEARANCE_OUTPUT, EXIT_OUTPUT, NO_OUTPUT, DECK_OUTPUT = integers(0, 1, 2, 3, 4, 5)
+# Of a run with contact: the impulse of the normal forces, the largest one, the end of the last contact.
+IMPULSE_OUTPUT, FORCE_OUTPUT, LAST_CONTACT_OUTPUT = integers(6, 7, 8)
 
 
 @kernel
@@ -104,6 +107,7 @@ def begin_sweep(run, sweep):
     clear(chain.constants)
     for n in range(LANES):
         chain.time[n] = 0.0
+        chain.impulse[n] = 0.0
     for i in range(run.springs.shape[0]):
         clear(sweep.springs[i])
         run.springs[i].is_pushing = OFF
@@ -170,7 +174,7 @@ def event_adjoint(index, event, which, run, sweep):
     # lambda . f
     along = chain.stroke
     for n in range(LANES):
-        along[n] = 0.0
+        along[n] = chain.impulse[n] * sum_of_normal_forces(run)
     for m in range(STATE_SIZE):
         for n in range(LANES):
             along[n] += chain.state.x[m, n] * step.slope[0].x[m]

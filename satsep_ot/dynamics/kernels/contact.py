@@ -25,7 +25,7 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from satsep_ot.dynamics.kernels.compilation import INLINE, inline, integers, kernel, larger
+from satsep_ot.dynamics.kernels.compilation import INLINE, choice, inline, integers, kernel, larger
 from satsep_ot.dynamics.kernels.records import LANES, ContactRun
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
@@ -44,9 +44,9 @@ from satsep_ot.dynamics.kernels.vectors import (
     vector,
 )
 
-# Kinds of elements: a satellite's point against a plane or against the cylinder of the platform, a platform's point
-# against a face of the satellite, a bolt, pins.
-PLANE, CYLINDER, FACE, BOLT, PINS = integers(0, 1, 2, 3, 4)
+# Kinds of elements: a satellite's point against a plane or a curved surface of the platform, a platform's point against
+# a face of the satellite, a bolt, pins.
+PLANE, CURVED, FACE, BOLT, PINS = integers(0, 1, 2, 3, 4)
 # What they belong to.
 DECK, RECESS, RAIL_END, RAIL_MOUTH, HOLD_DOWN, CONNECTOR = integers(0, 1, 2, 3, 4, 5)
 # Modes: apart; pushing; not pushing though the gap is negative, since it opens too fast; out of the surface's extent.
@@ -57,6 +57,22 @@ OPEN, LOADED, SLACK, OUT, HOLDS, STICKS, SLIPS, GONE = integers(0, 1, 2, 3, 4, 5
 DEAD_BAND, SLACKNESS = 1e-13, 1e-12  # m; 1, or m/s
 # Conditions of a mode: on the gap, on the bracket, on the extent.
 GAP, BRACKET, EXTENT = integers(0, 1, 2)
+
+
+def cylinder(q, size):
+    """The inside of a cylinder of radius `size` about the separation axis."""
+    rho = math.sqrt(q[0] * q[0] + q[2] * q[2])
+    inverse = 1.0 / rho if rho > 0.0 else 0.0
+    return size - rho, (-q[0] * inverse, 0.0, -q[2] * inverse)
+
+
+# Curved surfaces of the platform: from a place q from its ring centre and a size to the gap, the distance from the
+# surface, which grows with the size by 1, and its gradient with respect to q, the direction of the force.
+SURFACES = {
+    "cylinder": cylinder,
+}
+_curved = choice(list(SURFACES.values()))
+CURVATURE_STEP = 1e-5  # m, errs by its square over that of the radius of curvature
 
 
 @inline
@@ -87,12 +103,9 @@ def gap_and_direction(state, R, element, system, p, arm):
     if element.kind == PLANE:
         nu = vector(element.normal)
         return dot(nu, p) - element.level - element.start, nu
-    if element.kind == CYLINDER:
-        c = system.platform.center_of_mass
-        x, z = p[0] + c[0], p[2] + c[2]
-        rho = math.sqrt(x * x + z * z)
-        inverse = 1.0 / rho if rho > 0.0 else 0.0
-        return element.level - rho - element.start, (-x * inverse, 0.0, -z * inverse)
+    if element.kind == CURVED:
+        gap, nu = _curved(element.wall, plus(p, system.platform.center_of_mass), element.level)
+        return gap - element.start, nu
     m = vector(element.normal)
     return dot(m, transposed_times(R, arm)) - element.level - element.start, scaled(-1.0, times(R, m))
 
@@ -134,14 +147,16 @@ def element_force(state, R, element, run):
 def _contact_forces(state, R, run, F, M_2, M_1):
     total = 0.0
     largest = 0.0
+    largest_of = -1
     for k in range(run.contact.number_loaded):
         F_i, p, arm, N = element_force(state, R, run.elements[run.contact.loaded[k]], run)
         F = plus(F, F_i)
         M_2 = plus(M_2, cross(arm, F_i))
         M_1 = minus(M_1, cross(p, F_i))
         total += N
-        largest = larger(largest, N)
-    run.contact.normal, run.contact.largest = total, largest
+        if largest < N:
+            largest, largest_of = N, run.contact.loaded[k]
+    run.contact.normal, run.contact.largest, run.contact.largest_of = total, largest, largest_of
     return F, M_2, M_1
 
 
@@ -149,6 +164,7 @@ def _contact_forces(state, R, run, F, M_2, M_1):
 def _keep_normal_forces(stage, run):
     run.contact.stage_normal[stage] = run.contact.normal
     run.contact.stage_largest[stage] = run.contact.largest
+    run.contact.stage_largest_of[stage] = run.contact.largest_of
 
 
 @kernel
@@ -170,6 +186,11 @@ def keep_normal_forces(stage, run):
     """Keep the normal forces of the stage just evaluated."""
     if isinstance(run, ContactRun):
         _keep_normal_forces(stage, run)
+
+
+def sum_of_normal_forces(run):
+    """Of the state that was evaluated last."""
+    return run.contact.normal if isinstance(run, ContactRun) else 0.0
 
 
 def contact_forces_adjoint(state, R, run, sweep):
@@ -194,6 +215,13 @@ def _choose_keeping(stage, run):
     if _has_contact(run):
         return lambda stage, run: _keep_normal_forces(stage, run)
     return lambda stage, run: None
+
+
+@overload(sum_of_normal_forces, jit_options=INLINE, strict=False)
+def _choose_sum(run):
+    if _has_contact(run):
+        return lambda run: run.contact.normal
+    return lambda run: 0.0
 
 
 @overload(contact_forces_adjoint, jit_options=INLINE, strict=False)
@@ -230,17 +258,17 @@ def add_gap(state, R, element, system, constants, adjoint, chain, n, by_g, by_nu
     if element.kind == PLANE:
         adjoint.level[n] -= by_g
         return scaled(by_g, vector(element.normal)), ZERO
-    if element.kind == CYLINDER:
-        c = system.platform.center_of_mass
-        x, z = p[0] + c[0], p[2] + c[2]
-        rho = math.sqrt(x * x + z * z)
-        u = (x / rho, 0.0, z / rho)
-        along = u[0] * by_nu[0] + u[2] * by_nu[2]
-        by_p = (
-            -by_g * u[0] - (by_nu[0] - along * u[0]) / rho,
-            0.0,
-            -by_g * u[2] - (by_nu[2] - along * u[2]) / rho,
-        )
+    if element.kind == CURVED:
+        q = plus(p, system.platform.center_of_mass)
+        _, nu = _curved(element.wall, q, element.level)
+        # The direction is the gradient of the gap: how it turns is a symmetric matrix, whose product with by_nu is the
+        # derivative along by_nu.
+        size = norm(by_nu)
+        step = scaled(CURVATURE_STEP / size if size > 0.0 else 0.0, by_nu)
+        _, ahead = _curved(element.wall, plus(q, step), element.level)
+        _, behind = _curved(element.wall, minus(q, step), element.level)
+        turning = scaled(0.5 * size / CURVATURE_STEP, minus(ahead, behind))
+        by_p = plus(scaled(by_g, nu), turning)
         adjoint.level[n] += by_g
         add_lane(constants.platform.center_of_mass, n, by_p)
         return by_p, ZERO
@@ -294,7 +322,7 @@ def element_adjoint(state, R, which, run, sweep):
             adjoint.damping[n] += dot(v, by_D)
         else:
             across = dot(by_F, v_t) * inverse
-            by_N = dot(by_F, nu) - mu * across
+            by_N = dot(by_F, nu) - mu * across + chain.normal[n]
             by_t = scaled(-mu * N * inverse, minus(by_F, scaled(across * inverse, v_t)))
             adjoint.friction[n] -= N * across
             adjoint.sliding[n] += mu * N * across * element.sliding * inverse * inverse

@@ -6,6 +6,9 @@ inputs without any effect of first order, unless it is the one that the quantiti
 """
 
 from satsep_ot.dynamics.kernels.adjoint import (
+    FORCE_OUTPUT,
+    IMPULSE_OUTPUT,
+    LAST_CONTACT_OUTPUT,
     STATE_OUTPUT,
     TIME_OUTPUT,
     begin_sweep,
@@ -30,6 +33,7 @@ from satsep_ot.dynamics.kernels.contact import (
     add_satellite_point,
     add_velocity,
     contact_velocity,
+    element_adjoint,
     extent_height,
     gap_and_direction,
     gap_rate,
@@ -38,15 +42,26 @@ from satsep_ot.dynamics.kernels.contact import (
 )
 from satsep_ot.dynamics.kernels.contact_run import BOLT_RELEASE, MODE_CHANGES
 from satsep_ot.dynamics.kernels.contact_setup import elements_adjoint, start_adjoint
-from satsep_ot.dynamics.kernels.integration import EIGHTH_ORDER, FIRST, SECOND, copy_state, stages, step_adjoint
+from satsep_ot.dynamics.kernels.integration import (
+    EIGHTH_ORDER,
+    FIRST,
+    SECOND,
+    copy_state,
+    full_step,
+    stages,
+    step_adjoint,
+    step_method,
+)
 from satsep_ot.dynamics.kernels.records import LANES, STATE_SIZE, Gradients
 from satsep_ot.dynamics.kernels.run import NOTHING
 from satsep_ot.dynamics.kernels.vectors import (
     ZERO,
+    add,
     add_lane,
     add_product,
     clear,
     clear_rows,
+    copy,
     dot,
     minus,
     plus,
@@ -77,8 +92,14 @@ def sweep_run_with_contact(outputs, final, last, parameters, run, sweep, gradien
                     chain.state.x[outputs[n].index, n] += 1.0
                 elif outputs[n].kind == TIME_OUTPUT:
                     chain.time[n] = 1.0
+        ends_contact = index == run.contact.last_contact_index
+        for n in range(LANES):
+            if ends_contact and outputs[n].kind == LAST_CONTACT_OUTPUT:
+                chain.time[n] = 1.0
         if counts:
             branch_adjoint(outputs, index, index, run, sweep)
+            if index == run.contact.force_step:
+                force_adjoint(outputs, index, run, sweep)
         if index > 0:
             step = index - 1
             tape = run.tape[step]
@@ -86,16 +107,49 @@ def sweep_run_with_contact(outputs, final, last, parameters, run, sweep, gradien
                 undo(tape, index, run, sweep)
             if counts:
                 branch_adjoint(outputs, index, step, run, sweep)
+                for n in range(LANES):
+                    chain.impulse[n] = 1.0 if outputs[n].kind == IMPULSE_OUTPUT else 0.0
                 if tape.event >= MODE_CHANGES:
-                    change_adjoint(index, index == last, run, sweep)
+                    change_adjoint(index, index == last or ends_contact, run, sweep)
                 elif tape.event != NOTHING:
                     event_adjoint(index, tape.event, tape.spring, run, sweep)
                 if tape.length != 0.0:
                     step_adjoint(tape.method, tape.time, tape.state, tape.length, run, sweep, chain.state)
+                for n in range(LANES):
+                    chain.impulse[n] = 0.0
     start_adjoint(run, sweep)
     for n in range(LANES):
         elements_adjoint(parameters, run, sweep, angles, feet, n, gradients)
     end_sweep(outputs, parameters, run, sweep, Gradients(gradients.common, gradients.springs, gradients.offsets))
+
+
+@kernel
+def force_adjoint(outputs, index, run, sweep):
+    """Add what the largest normal force says, which is reached from tape state `index` by one step.
+
+    Its time does not count: the force does not change there.
+    """
+    chain, contact, tape, other = sweep.chain, run.contact, run.tape[index], run.step.other
+    used = False
+    for n in range(LANES):
+        used = used or outputs[n].kind == FORCE_OUTPUT
+    if not used or contact.force_of < 0:
+        return
+    method = step_method(contact.force_length, run.progress.short)
+    full_step(method, tape.time, tape.state, contact.force_length, run, other)
+    clear(chain.derivative)
+    clear_rows(chain.rotation)
+    clear_rows(chain.force)
+    clear_rows(chain.platform_moment)
+    clear_rows(chain.satellite_moment)
+    for n in range(LANES):
+        chain.normal[n] = 1.0 if outputs[n].kind == FORCE_OUTPUT else 0.0
+    element_adjoint(other, rotation(other.Q), contact.force_of, run, sweep)
+    rotation_adjoint(other.Q, chain.rotation, chain.derivative.Q)
+    copy(chain.branch, chain.derivative)
+    if contact.force_length != 0.0:
+        step_adjoint(method, tape.time, tape.state, contact.force_length, run, sweep, chain.branch)
+    add(chain.state, chain.branch)
 
 
 @kernel
@@ -163,7 +217,7 @@ def change_adjoint(index, is_last, run, sweep):
     slope = step.slope[0]
     along = chain.stroke
     for n in range(LANES):
-        along[n] = 0.0
+        along[n] = chain.impulse[n] * run.contact.normal
     for m in range(STATE_SIZE):
         for n in range(LANES):
             along[n] += chain.state.x[m, n] * slope.x[m]

@@ -27,6 +27,7 @@ from satsep_ot.dynamics.kernels.contact import (
     SLIPS,
     STICKS,
     contact_mode,
+    element_force,
     gap_rate,
     list_loaded,
     look_at,
@@ -43,9 +44,11 @@ from satsep_ot.dynamics.kernels.integration import (
     SECOND,
     STAGE_NUMBER,
     B,
+    C,
     copy_state,
     finish,
     forget_slopes,
+    full_step,
     stages,
     step_method,
 )
@@ -87,6 +90,7 @@ EVENT_TIME = 1e-9  # s, of events at which the force is continuous
 JUMP_TIME = 1e-13  # s, of those at which it jumps
 # A run whose bodies move against each other by less than two sliding speeds for so long is stuck.
 STUCK_TIME = 0.25  # s
+MOST_TRIES = 6  # to end a step at an event
 # So is one whose bodies do not move against each other at all, for a shorter time.
 CALM_SPEED, CALM_TIME = 1e-4, 0.02  # m/s, s
 # A satellite that pins hold so long after the last push hangs on them.
@@ -94,7 +98,7 @@ HANG_TIME = 1.0  # s
 # What a step may err, as a share of what the run may, at tolerances of LOOSE and above: stiff contacts damp what short
 # steps would not err, contacts without damping multiply it. Less at smaller tolerances: event by event as expected.
 LOOSE = 1e-8
-RAIL_MARGIN, CONTACT_MARGIN, PINS_MARGIN, ELASTIC_MARGIN = 1000.0, 30.0, 0.3, 0.5
+RAIL_MARGIN, CONTACT_MARGIN, PINS_MARGIN, ELASTIC_MARGIN = 1000.0, 10.0, 0.3, 0.5
 SLIDING_SPEED = 1e-3  # m/s
 
 
@@ -143,7 +147,10 @@ def start(parameters, orbit, attitude, horizon, tolerance, run, release_time, an
     contact.events = 0
     contact.impulse = 0.0
     contact.force = 0.0
+    contact.force_of = NONE
+    contact.force_step = NONE
     contact.last_contact = 0.0
+    contact.last_contact_index = NONE
     contact.still_since = 0.0
     contact.calm_since = 0.0
     contact.stuck = 0
@@ -526,6 +533,7 @@ def take_step(run):
         h = contact.hint
     contact.hint = np.inf
     aim = np.inf
+    tries = 0
     for _ in range(2 * MAXIMUM_ATTEMPTS):
         method = step_method(h, progress.short)
         stages(SECOND, STAGE_NUMBER[method], method, t, h, run)
@@ -553,6 +561,7 @@ def take_step(run):
             )  # fmt: skip
             return OK
         aim = time
+        tries += 1
         if (over <= tolerance and late <= JUMP_TIME) or h <= JUMP_TIME:
             keep_step(progress, h, method, what, event_of)
             return OK
@@ -566,7 +575,10 @@ def take_step(run):
             keep_only(event_of if what == MODE_CHANGES else NONE, run)
             keep_step(progress, 0.0, FOURTH_ORDER, what, event_of)
             return OK
-        if time > 4.0 * progress.short:
+        if tries > MOST_TRIES:
+            # A condition that is far from a straight line over the step: nearer to it the next one sees more.
+            h *= 0.5
+        elif time > 4.0 * progress.short:
             # End before it; what is left is for short steps.
             h = time - place_error(time, h, run)
         else:
@@ -585,7 +597,66 @@ def add_impulse(run):
         weight = B[progress.method, i]
         if weight != 0.0:
             contact.impulse += progress.h * weight * contact.stage_normal[i]
-            contact.force = larger(contact.force, contact.stage_largest[i])
+    largest = -1
+    for i in range(STAGE_NUMBER[progress.method]):
+        if contact.stage_largest[i] >= contact.force and (
+            largest < 0 or contact.stage_largest[i] > contact.stage_largest[largest]
+        ):
+            largest = i
+    if largest >= 0:
+        locate_force(contact.stage_largest_of[largest], C[progress.method, largest] * progress.h, run)
+
+
+@kernel
+def normal_force_rate(state, slope, which, run):
+    """Normal force of an element in a state, and its rate along a slope."""
+    element, other = run.elements[which], run.step.combined
+    _, _, _, N = element_force(state, rotation(state.Q), element, run)
+    for n in range(STATE_SIZE):
+        other.x[n] = state.x[n] + 1e-7 * slope.x[n]
+    _, _, _, ahead = element_force(other, rotation(other.Q), element, run)
+    return N, (ahead - N) * 1e7
+
+
+@kernel
+def locate_force(which, length, run):
+    """Find and keep the largest normal force in the step just taken: of element `which`, at about `length`.
+
+    Where it grows until the step ends, the next step goes on.
+    """
+    if which < 0:
+        return
+    contact, progress, step = run.contact, run.progress, run.step
+    start, h, other = run.tape[progress.step], progress.h, run.step.other
+    before, rate_before, best, force = 0.0, 0.0, length, -1.0
+    for turn in range(12):
+        if length == h:
+            copy_state(step.end, other)
+        else:
+            full_step(step_method(length, progress.short), start.time, start.state, length, run, other)
+        slope_at(other, run)
+        N, rate = normal_force_rate(other, step.slope[0], which, run)
+        if force < N:
+            best, force = length, N
+        if turn == 0 and ((length == h and rate > 0.0) or h < 1e-12):
+            break
+        change = 1e-3 * h if rate > 0.0 else -1e-3 * h
+        if turn > 0 and rate != rate_before:
+            change = -rate * (length - before) / (rate - rate_before)
+        before, rate_before = length, rate
+        following = smaller(larger(length + change, -0.1 * h), h)
+        if abs(following - length) < 1e-7 * h:
+            break
+        length = following
+    if force > contact.force:
+        contact.force, contact.force_of, contact.force_step, contact.force_length = force, which, progress.step, best
+
+
+@inline
+def slope_at(state, run):
+    """Write the slope in a state into that of the first stage."""
+    copy_state(state, run.step.stage[0])
+    stages(FIRST, SECOND, EIGHTH_ORDER, run.progress.time, 0.0, run)
 
 
 @kernel
@@ -660,6 +731,7 @@ def pass_event(run, release_time):
         if tape.mode_before == LOADED:
             progress.last = progress.step
             contact.last_contact = progress.time
+            contact.last_contact_index = progress.step
         if element.mode == GONE:
             contact.held -= 1
             release_time[element.number] = progress.time

@@ -7,7 +7,7 @@ import numpy as np
 from satsep_ot.dynamics.kernels.compilation import inline, kernel, larger, smaller
 from satsep_ot.dynamics.kernels.contact import (
     BOLT,
-    CYLINDER,
+    CURVED,
     DECK,
     HOLD_DOWN,
     HOLDS,
@@ -125,7 +125,7 @@ def set_element(parameters, element, run, angles, feet, contact_damping, rail_da
     elif group == RECESS:
         put(element.point, minus(run.points[number].place, c_2))
         element.high = parameters.common.recess_depth
-        if element.kind == CYLINDER:
+        if element.kind == CURVED:
             element.level = parameters.common.recess_radius
         else:
             element.level = parameters.offsets[element.wall] - dot(element.normal, c_1)
@@ -303,7 +303,7 @@ def elements_adjoint(parameters, run, sweep, angles, feet, n, gradient):
         elif group == RECESS:
             add_lane(by_c_2, n, scaled(-1.0, by_point))
             constants.recess_depth[n] += adjoint.high[n]
-            if element.kind == CYLINDER:
+            if element.kind == CURVED:
                 constants.recess_radius[n] += by_level
             else:
                 sweep.offsets[element.wall, n] += by_level
@@ -382,7 +382,7 @@ def start_adjoint(run, sweep):
                 add_lane(by_spring.satellite_seat, n, add_satellite_point(R, chain, chain.state, n, by_way, ZERO, b))
             elif element.start < 0.0:
                 # Its gap counts from that at the start, g - g(0): the adjoint of the level is less that of the gap.
-                by_gap = -adjoint.level[n] if element.kind == CYLINDER else adjoint.level[n]
+                by_gap = -adjoint.level[n] if element.kind == CURVED else adjoint.level[n]
                 p, arm = place(state, R, element)
                 by_p, _ = add_gap(
                     state, R, element, run.system, chain.constants, adjoint, chain, n, by_gap, ZERO, p, arm

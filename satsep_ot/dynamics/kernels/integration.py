@@ -143,6 +143,8 @@ def step_adjoint(method, t, state, h, run, sweep, by_state):
         weight = h * B[method, i]
         for n in range(STATE_SIZE * LANES):
             by_slope[n] = weight * by_end[n]
+        for n in range(LANES):
+            chain.normal[n] = weight * chain.impulse[n]
         for later in range(i + 1, last + 1):
             weight = h * A[method, later, i]
             if weight != 0.0:

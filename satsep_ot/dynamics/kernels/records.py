@@ -269,6 +269,8 @@ CONTACT = record(
     ("largest", NUMBER),
     ("stage_normal", NUMBER, STAGES),
     ("stage_largest", NUMBER, STAGES),
+    ("largest_of", INTEGER),  # element that has it
+    ("stage_largest_of", INTEGER, STAGES),
     ("frequency", NUMBER),  # of the stiffest contact [rad/s]
     ("free_frequency", NUMBER),  # of the motion without contact
     ("held", INTEGER),  # bolts and pins that still hold
@@ -281,7 +283,11 @@ CONTACT = record(
     ("events", INTEGER),
     ("impulse", NUMBER),  # of all normal forces [N s]
     ("force", NUMBER),  # largest normal force [N]
+    ("force_of", INTEGER),  # element that has it, and the step to it
+    ("force_step", INTEGER),
+    ("force_length", NUMBER),
     ("last_contact", NUMBER),  # end of the last contact [s]
+    ("last_contact_index", INTEGER),  # of its state on the tape; -1 where nothing has touched
 )
 
 # An event of a run with contact.
@@ -485,6 +491,9 @@ CHAIN_ADJOINT = record(
     ("row_entries", COLUMN_ADJOINT),
     ("row", NUMBER, SUM_ROWS),
     ("column", NUMBER, SUM_COLUMNS),
+    # Of the impulse of all normal forces, and of the normal forces of a stage beside what they do to the motion.
+    ("impulse", NUMBER, _LANE),
+    ("normal", NUMBER, _LANE),
 )
 
 
