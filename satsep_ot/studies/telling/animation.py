@@ -8,7 +8,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from satsep_ot.dynamics.contact import element_places
 from satsep_ot.dynamics.separation import Separation
+from satsep_ot.dynamics.simulation import contact_events
 from satsep_ot.studies.telling.motion import compute_motion
 
 _FRAMES = 48  # of the push, and as many of the flight after it
@@ -84,7 +86,8 @@ def animation_data(separation: Separation, runs: Mapping[str, ArrayLike]) -> dic
     data : dict
         Plain lists: ``shape`` (points, faces), ``platform`` (ring radius, recess radius and depth), and for each run
         ``times`` [s], ``centres`` [m] and ``turns`` (quaternions w, x, y, z) of the satellite in platform axes, the
-        last release [s], and the seats and release times of all that pushes. Half of the frames cover the push, half
+        last release [s], the seats and release times of all that pushes, and of each contact its name, its place, the
+        body that this is on, its time and the speed that it begins with. Half of the frames cover the push, half
         the flight until the satellite has gone about one and a half of its sizes.
 
     Raises
@@ -132,8 +135,28 @@ def animation_data(separation: Separation, runs: Mapping[str, ArrayLike]) -> dic
             "release": last,
             "seats": _rounded(seats[pushers]),
             "releases": [None if np.isnan(time) else time for time in _rounded(push.release_times[pushers])],
+            "touches": _touches(separation, parameters),
         }
     return data
+
+
+def _touches(separation, parameters):
+    """What touches from when to when [s], how fast it comes [m/s], and where, for the moving view."""
+    if not separation.has_contact():
+        return []
+    flown = separation.with_parameters(np.asarray(parameters))
+    places, on_platform = element_places(flown)
+    number = {name: i for i, name in enumerate(flown.contact_elements()[1])}
+    touches, open_ones = [], {}
+    for event in contact_events(separation, parameters):
+        if event.what in ("is pressed", "engages"):
+            i = number[event.name]
+            touch = {"name": event.name, "from": round(event.time, 7), "to": None, "speed": round(-event.speed, 7)}
+            touches.append(touch | {"place": _rounded(places[i]), "onPlatform": bool(on_platform[i])})
+            open_ones[event.name] = touches[-1]
+        elif event.name in open_ones and event.what in ("lets go", "leaves"):
+            open_ones.pop(event.name)["to"] = round(event.time, 7)
+    return touches
 
 
 def _rounded(values):
