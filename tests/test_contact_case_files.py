@@ -1,14 +1,17 @@
 """Contact in case files: keys, defaults, uncertain inputs, refusals, what a run prints."""
 
 import json
+from pathlib import Path
 
 import numpy as np
+import openturns as ot
 import pytest
 from test_deck import CASE
 
 from satsep_ot import cli
 from satsep_ot.dynamics.separation import Status
 from satsep_ot.dynamics.simulation import simulate
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.model.case import CaseError, parse_case
 from satsep_ot.model.run_document import run_document
 from satsep_ot.model.schema import case_schema
@@ -181,3 +184,16 @@ def test_a_study_of_a_case_with_contact(tmp_path):
     assert "% of the runs of the sample the bodies touch each other" in page
     assert "They push each other by springs with damping and friction" in page
     assert "In the nominal run" in page
+
+
+def test_reliability_through_contact():
+    """The estimate of a failed spring whose ring is pressed into the deck holds the truth, or says that it may not."""
+    problem = SeparationProblem(Path(__file__).parent / "data" / "one_of_three_failed.toml")
+    ot.RandomGenerator.SetSeed(3)
+    algorithm = ActiveSubspaceReliability(problem.getEvent("tumbling"))
+    algorithm.setComponents(*problem.getComponents("tumbling"))
+    algorithm.run()
+    result = algorithm.getResult()
+    interval = result.getConfidenceInterval(0.95)
+    # By Monte Carlo with a control variate, tests/benchmarks/contact_reliability.py.
+    assert interval.getLowerBound()[0] < 3.52e-3 < interval.getUpperBound()[0] or not result.getConverged()
