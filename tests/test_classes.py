@@ -104,6 +104,8 @@ def test_a_requirement_that_is_met_is_told_how_far_it_may_be_loosened():
     assert found.is_met
     assert "may grow to" in text
     assert "has to be" not in text
+    # What is known of the size of the case alone is no advice.
+    assert list(curves(case_with(allowed="0.2"), makes_runs=False).sentences()) == []
 
 
 CLASSES = ", classes = [0.4, 0.3, 0.2], prices = [1, 2, 5]"

@@ -58,7 +58,7 @@ def test_what_differs_and_what_explains_most(found):
     assert set(changes) == {("satellite.mass",), ("inputs.rate",), ("inputs.kick",)}
     assert changes[("satellite.mass",)].text == "satellite.mass: 1 -> 2"
     explained = found.explanation("both", "rolling")
-    assert explained.startswith("both, rolling: inputs.rate: ")
+    assert explained.startswith("both, rolling: inputs.rate: sigma 0.4 -> sigma 0.3 explains most")
     assert "explains most; alone it changes" in explained
     lines = list(change_lines(found))
     assert any(line.startswith("heavy: satellite.mass: 1 -> 2; alone: rolling") for line in lines)
@@ -106,8 +106,11 @@ def test_the_command_compares_files_and_finished_studies(tmp_path, capsys):
     page = (output / "comparison.html").read_text(encoding="utf-8")
     assert page.count("data:image/svg+xml;base64,") == 2
     assert "What differs, and what explains most" in page
+    assert "spin &lt;= 1 deg/s" in page
     assert cli.main(["compare", *files, "--runs", "5000", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     kept = json.loads((output / "comparison.json").read_text(encoding="utf-8"))
     assert printed["estimates"]["rolling"] == kept["estimates"]["rolling"][:2]
+    # Fewer than 100 runs violate the second design.
+    assert printed["estimates"]["rolling"][0]["runs"] == 5000 < printed["estimates"]["rolling"][1]["runs"]
     assert printed["changes"]["b"][0]["keys"] == ["inputs.rate"]

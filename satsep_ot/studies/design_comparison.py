@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import openturns as ot
 
+from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.model.case import SYSTEM, Case, CaseError, case_from_data, load_uncertain_case
 from satsep_ot.model.inputs import ParameterMap, joint_distribution
@@ -96,6 +97,7 @@ def compare_designs(
     if len(set(names)) < len(names):
         names = [one.file for one in designs]
     first = designs[0]
+    units = quantity_table(first.case.separation)
     labels = [*(entry.name for entry in first.case.requirements), SYSTEM]
     violated = []
     for place, one in enumerate(designs):
@@ -117,7 +119,7 @@ def compare_designs(
         changes[names[place]] = tuple(_changes(first, one, labels, runs, seed))
     return DesignComparison(
         tuple(names),
-        {entry.name: str(entry) for entry in first.case.requirements},
+        {entry.name: f"{entry} {units[entry.quantity].unit}" for entry in first.case.requirements},
         {entry.name: entry.allowed_probability for entry in first.case.requirements},
         runs,
         estimates,
@@ -162,12 +164,14 @@ def _estimate(design, label, count, runs, seed):
     """The probability by the finished study, by the runs, or by more runs that look for violations."""
     row = None if design.result is None else best_estimate(design.result.rows_of(label))
     if row is not None:
-        return DesignEstimate(row.probability, row.lower95, row.upper95, f"its study, {row.method}")
+        return DesignEstimate(row.probability, row.lower95, row.upper95, f"its study, {row.method}", row.evaluations)
     if count < _FEW:
         found = quick_probability(design.case, label, seed)
         if found.converged and found.probability is not None:
-            return DesignEstimate(found.probability, found.lower95, found.upper95, f"{found.runs:,} runs of its own")
-    return DesignEstimate(count / runs, *clopperPearson(count, runs), f"{runs:,} common runs")
+            return DesignEstimate(
+                found.probability, found.lower95, found.upper95, f"{found.runs:,} runs of its own", found.runs
+            )
+    return DesignEstimate(count / runs, *clopperPearson(count, runs), f"{runs:,} common runs", runs)
 
 
 def _difference(first, other):
@@ -195,7 +199,8 @@ def _changes(first, other, labels, runs, seed):
     parts = [([key], case) for key, case in alone.items() if case is not None]
     parts += [(members, _changed(first, other, members)) for members in joined.values()]
     for members, case in parts:
-        texts = [", ".join(_shown(said.get(key)) for key in members) for said in (one, two)]
+        pairs = [_shown_pair(one.get(key), two.get(key)) for key in members]
+        texts = [", ".join(side) for side in zip(*pairs, strict=True)]
         yield DesignChange(tuple(members), *texts, {} if case is None else _probabilities(case, labels, runs, seed))
 
 
@@ -242,6 +247,14 @@ def _changed(first, other, keys):
         return case_from_data(data, file)
     except CaseError:
         return None
+
+
+def _shown_pair(first, other):
+    """Two values in words; of an input only the keys that differ."""
+    if isinstance(first, dict) and isinstance(other, dict):
+        keys = [key for key in dict.fromkeys([*first, *other]) if first.get(key) != other.get(key)]
+        first, other = (", ".join(f"{key} {_shown(value.get(key))}" for key in keys) for value in (first, other))
+    return _shown(first), _shown(other)
 
 
 def _shown(value):

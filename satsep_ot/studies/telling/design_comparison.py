@@ -24,6 +24,8 @@ class DesignEstimate:
     probability, lower95, upper95 : float or None
     source : str
         By which runs.
+    runs : int
+        How many.
     difference, difference_lower95, difference_upper95 : float or None
         To the first design, by runs with common random numbers; None for the first design.
     """
@@ -32,6 +34,7 @@ class DesignEstimate:
     lower95: float | None
     upper95: float | None
     source: str
+    runs: int
     difference: float | None = None
     difference_lower95: float | None = None
     difference_upper95: float | None = None
@@ -80,7 +83,7 @@ class DesignComparison:
     ----------
     designs : tuple of str
     requirements : dict of str to str
-        Their limits in words.
+        Their limits in words, with units.
     allowed : dict of str to float or None
     runs : int
         Runs of each design with common random numbers.
@@ -172,7 +175,7 @@ def comparison_page(found: DesignComparison) -> str:
 
 def _picture(found, requirement):
     bars = [
-        ProbabilityBar(design, one.probability, one.lower95, one.upper95, 0, 0, True)
+        ProbabilityBar(design, one.probability, one.lower95, one.upper95, one.runs, 0, True)
         for design, one in zip(found.designs, found.estimates[requirement], strict=True)
     ]
     stream = io.BytesIO()

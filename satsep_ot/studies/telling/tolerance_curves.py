@@ -102,7 +102,8 @@ class RequirementCurves:
         if self.allowed is None:
             return
         for curve in self.curves:
-            if not curve.points:
+            # Without a larger size that is known nothing can be said of a requirement that is met.
+            if not curve.points or (self.is_met and (curve.loosest is None or curve.loosest.scale <= 1.0)):
                 continue
             name, least, most = _words(curve.tolerance), curve.points[0], curve.points[-1]
             if curve.loosest is not None:
