@@ -91,7 +91,7 @@ def probability(value):
 DAMAGES = [
     *((name, damage) for name in ("steps/rolling--ActiveSubspace.npz", "runs/rolling--ActiveSubspace.npz")
       for damage in (cut, holding_an_object, emptied, flipped)),
-    *((name, probability(value)) for name in ("steps/rolling--FORM.json", "steps/rolling--MonteCarlo.json")
+    *((name, probability(value)) for name in ("steps/rolling--FORM.json", "steps/rolling--ActiveSubspace.json")
       for value in (1e-9, 7.5, float("nan"))),
     *((name, damage) for name in ("runs/sample.npy", "steps/sample.json", "steps/gradients.json", "results.json",
                                   "figures/separation--velocity.svg", "motion.json") for damage in (cut,)),

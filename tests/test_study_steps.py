@@ -65,8 +65,15 @@ def test_processes_change_no_number(tmp_path, study):
     other.setProcessNumber(2)
     other.setDirectory(tmp_path)
     other.run()
+    paths = other.save()
     other.close()
     assert timeless(other) == timeless(study)
+    # The pictures, too, are the same.
+    alone = study.save(tmp_path.parent / "alone")
+    pictures = {path.name: path.read_bytes() for path in paths if path.suffix == ".svg"}
+    assert pictures == {path.name: path.read_bytes() for path in alone if path.suffix == ".svg"}
+    assert len(pictures) > 5
+    study.close()
     with pytest.raises(ValueError, match="the number of processes is 0; it must be a whole number of at least 1"):
         other.setProcessNumber(0)
 

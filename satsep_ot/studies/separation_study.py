@@ -48,7 +48,7 @@ from satsep_ot.studies.telling.class_choice import ClassChoice
 from satsep_ot.studies.telling.document import partial_document, results_document
 from satsep_ot.studies.telling.failure_mixture import FailureMixture
 from satsep_ot.studies.telling.fleet import FleetEstimate
-from satsep_ot.studies.telling.panels import StudyRuns, study_panels
+from satsep_ot.studies.telling.panels import StudyRuns, drawn_result_panels, run_panels, study_panels
 from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import assumptions
 from satsep_ot.studies.telling.report import write_report
@@ -824,10 +824,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         result, paths, entries = self.getResult(), [], []
         # Whatever becomes of the figures, the numbers are there.
         _writeResults(taken, results_document(result))
-        for panel in study_panels(result, self._drawnRuns()):
-            path = taken.folder("figures") / (file_stem([panel.section, panel.name]) + ".svg")
-            paths.append(writeWhole(path, panel.write))
-            entries.append(FigureFile(panel.section, panel.name, panel.text, path.name))
+        for section, name, text, picture in self._drawnPanels(result):
+            path = taken.folder("figures") / (file_stem([section, name]) + ".svg")
+            paths.append(writeWhole(path, functools.partial(_put, picture)))
+            entries.append(FigureFile(section, name, text, path.name))
         case = self._problem.getCase()
         runs = {"nominal": case.separation.parameters()}
         for name, violation in self._violations.items():
@@ -839,6 +839,15 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         paths = [*paths[::-1], write_report(taken.path)]
         taken.record(paths[-1])
         return paths
+
+    def _drawnPanels(self, result):
+        """Every figure as a picture: those from runs in this process, the others beside it where there are more."""
+        if self._pool is None:
+            yield from (panel.drawn() for panel in study_panels(result, self._drawnRuns()))
+            return
+        others = self._pool.submit(drawn_result_panels, result, self._problem.getCase().separation)
+        yield from [panel.drawn() for panel in run_panels(result, self._drawnRuns())]
+        yield from others.result()
 
     def _drawnRuns(self):
         """What the figures are drawn from."""
@@ -873,6 +882,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 def _half_point(row):
     """A halved tolerance as a point of its curve."""
     return CurvePoint(row.scale, row.probability, row.lower95, row.upper95, row.evaluations or 0, row.converged)
+
+
+def _put(content, stream):
+    stream.write(content)
 
 
 def _writeResults(directory, document):

@@ -24,12 +24,14 @@ from satsep_ot.studies.separation_study import SeparationStudy
 SIGMAS = 27.0
 
 
-def run(what, directory, *arguments, environment=None):
-    """Run the command, print what it took, and give its results back with times by the clock and of the processor."""
+def run(what, directory, *arguments, environment=None, screen=None):
+    """Run the command, its screen into a file where one is given; print what it took, and give back its results and times."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
     command = [sys.executable, "-m", "satsep_ot", "study", *arguments, "--output", str(directory)]
-    subprocess.run(command, check=True, env=environment, capture_output=True)
+    made = subprocess.run(command, check=True, env=environment, capture_output=True, text=True)
+    if screen is not None:
+        screen.write_text(made.stdout, encoding="utf-8")
     seconds = time.perf_counter() - start
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     processor = used.ru_utime + used.ru_stime - before.ru_utime - before.ru_stime
@@ -65,6 +67,9 @@ def far_case(folder):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--cold", action="store_true", help="also from a cold compile cache")
+    parser.add_argument(
+        "--screen", type=Path, metavar="FILE", help="keep the screen of the study, and its results beside"
+    )
     options = parser.parse_args()
     versions = ", ".join(f"{name} {metadata.version(name)}" for name in ("satsep-ot", "openturns", "numpy", "numba"))
     print(f"{versions}, Python {sys.version.split()[0]}; {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before")
@@ -72,9 +77,10 @@ def main():
     print(f"500,000 simulations: {own:.1f} s of processor time")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        results, seconds, processor = run("satsep-ot study, seed 0, all methods", folder / "study")
+        kept = folder / "study" if options.screen is None else options.screen.with_suffix("")
+        results, seconds, processor = run("satsep-ot study, seed 0, all methods", kept, screen=options.screen)
         crude = next(row["seconds"] for row in results["rows"] if row["method"] == "MonteCarlo")
-        size = sum(path.stat().st_size for path in (folder / "study").rglob("*") if path.is_file())
+        size = sum(path.stat().st_size for path in kept.rglob("*") if path.is_file())
         used = resource.getrusage(resource.RUSAGE_CHILDREN)
         print(f"  its own 500,000 simulations: {crude:.1f} s of the clock")
         print(f"  ratio by the clock {seconds / crude:.1f}, of processor time {processor / own:.1f}")

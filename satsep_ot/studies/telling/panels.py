@@ -1,8 +1,9 @@
 """The figures of a report: which there are, from what a study found and from its runs."""
 
 import dataclasses
+import io
 from collections.abc import Iterator
-from typing import IO, cast
+from typing import IO, NamedTuple, cast
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -64,6 +65,12 @@ class Panel:
         """Write it as SVG."""
         figures.save_figure(self.figure, stream, "svg")
 
+    def drawn(self) -> "DrawnPanel":
+        """The same as a picture."""
+        stream = io.BytesIO()
+        self.write(stream)
+        return DrawnPanel(self.section, self.name, self.text, stream.getvalue())
+
     @staticmethod
     def of(section: Section, name: str, text: str, ax: Axes) -> "Panel":
         """The figure that these axes fill."""
@@ -71,8 +78,17 @@ class Panel:
         return Panel(section, name, text, cast(Figure, ax.figure))
 
 
+class DrawnPanel(NamedTuple):
+    """A panel as a picture in SVG."""
+
+    section: Section
+    name: str
+    text: str
+    picture: bytes
+
+
 def study_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
-    """Every figure of a report, in the order of its sections.
+    """Every figure of a report, in the order of each section.
 
     Parameters
     ----------
@@ -83,23 +99,38 @@ def study_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
     -------
     panels : iterator of Panel
     """
-    yield from _motion_panels(runs.separation)
+    yield from result_panels(result, runs.separation)
+    yield from run_panels(result, runs)
+
+
+def result_panels(result: StudyResult, separation: Separation) -> Iterator[Panel]:
+    """The figures that need no runs but the nominal one."""
+    yield from _motion_panels(separation)
     yield from _driver_panels(result)
     yield from _tightened_panels(result)
     for requirement, found in result.curves.items():
         if any(sum(bool(point.probability) for point in curve.points) > 1 for curve in found.curves):
             ax = figures.draw_tolerance_curves(found, title=requirement)
             yield Panel.of(Section.SIZES, requirement, f"{requirement} against the size of its tolerances", ax)
-    if runs.sample is not None:
-        yield from _density_panels(result, runs.sample, runs.surrogate_sample)
     yield from _exceedance_panels(result)
-    yield from _component_panels(result, runs.components)
     for name, rows in result.rows_by_requirement().items():
         if len(rows) < 2:
             # One method compares with nothing.
             continue
         ax = figures.draw_probabilities([_bar(row, row.method) for row in rows], title=name)
         yield Panel.of(Section.METHODS, name, f"probability of violating {name} by each method", ax)
+
+
+def run_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
+    """The figures that are drawn from runs."""
+    if runs.sample is not None:
+        yield from _density_panels(result, runs.sample, runs.surrogate_sample)
+    yield from _component_panels(result, runs.components)
+
+
+def drawn_result_panels(result: StudyResult, separation: Separation) -> list[DrawnPanel]:
+    """The same as `result_panels`, drawn: what a process gives to another one."""
+    return [panel.drawn() for panel in result_panels(result, separation)]
 
 
 def _motion_panels(separation):
