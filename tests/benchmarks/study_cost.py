@@ -25,7 +25,7 @@ SIGMAS = 27.0
 
 
 def run(what, directory, *arguments, environment=None, screen=None):
-    """Run the command, its screen into a file where one is given; print what it took, and give back its results and times."""
+    """Run the command and print what it took; its screen goes into a file where one is given."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.perf_counter()
     command = [sys.executable, "-m", "satsep_ot", "study", *arguments, "--output", str(directory)]
