@@ -159,7 +159,7 @@ def linearProposal(limit, deviation=0.02, target=0.05, previous=None):
     surrogate = SimpleNamespace(
         dimension=lambda: 1,
         radial=False,
-        directions=np.ones((1, 1)),
+        directions=np.full((4, 1), 0.5),
         searchPoints=8000,
         largestPoolFactor=20.0,
         limitState=lambda y, exact=True: (limit - y[:, 0], np.full(len(y), deviation)),
@@ -239,3 +239,10 @@ def test_a_proposal_of_the_same_surrogate_follows_the_earlier_one():
     # One that the earlier mixture does not reach is searched anew.
     far = linearProposal(7.0, previous=first)
     assert far.probability == pytest.approx(norm.sf(7.0 / math.hypot(1.0, 0.02)), rel=0.15)
+
+
+def test_a_proposal_that_follows_an_earlier_one_needs_no_search(monkeypatch):
+    first = linearProposal(3.0)
+    monkeypatch.setattr(proposals, "fitImportantRegion", lambda *arguments, **options: None)
+    assert linearProposal(3.1) is None
+    assert linearProposal(3.1, previous=first) is not None

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import coverage
 import pytest
-from mutation_check import Order, run_tests, tests_of
+from mutation_check import Order, run_tests, simulator_tests
 
 ROOT = Path(__file__).resolve().parents[2]
 # One thread: a test that takes too long is interrupted in it, others would run to their end.
@@ -114,7 +114,7 @@ def main():
     if options.run:
         measure(folder, options.run, options.tests)
         return
-    motion = tests_of(ROOT, "satsep_ot/dynamics/simulation.py")[:-1] + ["satsep_ot/dynamics"]
+    motion = [*simulator_tests(ROOT), "satsep_ot/dynamics"]
     runs = {"durations": motion, "plain": motion, "compiled": options.tests or ["tests", "satsep_ot"], "slow": CLUSTER}
     for run, tests in runs.items() if not options.report else []:
         environment = os.environ | (PLAIN if tests is motion else {})

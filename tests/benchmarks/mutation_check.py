@@ -2,11 +2,12 @@
 
     python tests/benchmarks/mutation_check.py FOLDER [--seed 1] [--dynamics 50] [--methods 80]
 
-Copies the last commit into FOLDER, changes one operator or number at a time there, at random places of all modules of
-these layers. Runs the doctests of the file and the fast tests that import a module of its folder, the quickest first,
-and stops at the first that fails. The results are kept in FOLDER:
-started again, it goes on where it was. Kernels run as plain Python, so that a mutant of them costs no compilation; what
-survives that runs all tests of the simulator once more, compiled.
+Copies the last commit into FOLDER and records there once which test reaches which lines, and how long it takes. Then
+it changes one operator or number at a time, at random places of all modules of these layers, runs the tests that reach
+the line, the quickest first, and stops at the first that fails. Kernels run as plain Python in this first stage, so
+that a mutant of them costs no compilation. What survives runs all fast tests of the files that reach its line, as they
+are compiled. The results are kept in FOLDER: started again, it goes on where it was. A copy of a FOLDER that has its
+record serves another seed.
 """
 
 import argparse
@@ -27,13 +28,16 @@ import sys
 import tarfile
 import time
 import traceback
+from concurrent.futures import ThreadPoolExecutor
 from importlib import metadata
 from pathlib import Path
 
+import coverage
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-QUICK_TEST = 2.5  # s: longer ones are left to the second, compiled stage
+QUICK_TEST = 1.0  # s, while lines are recorded: longer ones are left to the second, compiled stage
+QUICK_FILE = 8.0  # s for the tests of a file: those that come later are left to the second stage as well
 # Seconds for the tests of one mutant: of processor time, beside twice what they take without it, and of any time. A
 # mutant that never ends is noticed.
 PATIENCE, WAIT = 150, 1800.0
@@ -41,6 +45,11 @@ PATIENCE, WAIT = 150, 1800.0
 LAYERS = {"dynamics": 50, "methods": 80}
 # (file, line as it is, line as it was made) -> why no test can tell the two apart.
 EQUIVALENT = {
+    (
+        "methods/polynomials/prediction.py",
+        "matrices = np.zeros((dimension, degree + 1, degree + 1))",
+        "matrices = np.zeros((dimension, degree + 1, degree + 2))",
+    ): "a column of zeros more, for a power that no polynomial has and no one reads",
     (
         "methods/subspaces/gradients.py",
         "ahead = self.evaluate((some[:, None, :] + shifts).reshape(-1, d)).reshape(len(some), d, -1)",
@@ -256,33 +265,55 @@ def mutants(folder, numbers, seed):
 
 
 class Order:
-    """A plug-in of pytest: the quickest tests first, those that take long or fail without a mutant not at all."""
+    """A plug-in of pytest: runs `tests`, the quickest first, and ends those that take long.
 
-    def __init__(self, durations=None, limit=None, first=None):
-        self.durations, self.first, self.measured, self.failed = durations, first, {}, []
-        self.limit = limit or (QUICK_TEST if durations is None else 4.0 * QUICK_TEST)
+    Parameters
+    ----------
+    durations : dict, optional
+        Seconds of each test. Those that are not named, or that take long, are left out; all are run by default.
+    limit : float, optional
+        Seconds after which a test is ended.
+    first : str, optional
+        A test that comes before all others.
+    record : coverage.Coverage, optional
+        Records the lines of a test under its name, those of collecting and preparing it under that of its file.
+    """
+
+    def __init__(self, durations=None, limit=None, first=None, record=None):
+        self.durations, self.first, self.record, self.measured, self.failed = durations, first, record, {}, []
+        self.limit = limit or (QUICK_TEST if durations is None else 10.0 * QUICK_TEST)
 
     def pytest_collectreport(self, report):
         if report.failed:
             self.failed.append(f"{report.nodeid} cannot be collected")
 
     def pytest_collection_modifyitems(self, items):
+        # One that waits for threads of plain Python cannot be ended.
+        items[:] = [item for item in items if "threads" not in item.name]
         if self.durations is not None:
             items[:] = [item for item in items if self.durations.get(item.nodeid, math.inf) < QUICK_TEST]
             items.sort(key=lambda item: (item.nodeid != self.first, self.durations[item.nodeid]))
 
+    def _limit(self):
+        left = QUICK_FILE - sum(self.measured.values()) if self.record else math.inf
+        return min(self.limit, max(left, 0.01))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_setup(self, item):
+        with ended_after(self._limit()):
+            return (yield)
+
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item):
-        # In processor time: other programs may slow this one down.
         start = time.process_time()
-        signal.signal(signal.SIGPROF, end_test)
-        signal.setitimer(signal.ITIMER_PROF, self.limit)
+        if self.record:
+            self.record.switch_context(item.nodeid)
         try:
-            return (yield)
+            with ended_after(self._limit()):
+                return (yield)
         finally:
-            # First this: one that comes at the last moment would end pytest.
-            signal.signal(signal.SIGPROF, signal.SIG_IGN)
-            signal.setitimer(signal.ITIMER_PROF, 0.0)
+            if self.record:
+                self.record.switch_context(item.nodeid.split("::")[0])
             self.measured[item.nodeid] = time.process_time() - start
 
     def pytest_runtest_logreport(self, report):
@@ -294,27 +325,45 @@ class TooSlow(BaseException):
     """No Exception: hypothesis would take it for a counterexample, and look for a simpler one."""
 
 
+@contextlib.contextmanager
+def ended_after(limit):
+    """End what takes more processor time [s]: other programs may slow this one down."""
+    signal.signal(signal.SIGPROF, end_test)
+    signal.setitimer(signal.ITIMER_PROF, limit)
+    try:
+        yield
+    finally:
+        # First this: one that comes at the last moment would end pytest.
+        signal.signal(signal.SIGPROF, signal.SIG_IGN)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
 def end_test(number, frame):
+    while frame:
+        if Path(frame.f_code.co_filename).is_relative_to(Path(coverage.__file__).parent):
+            # The record would stay locked.
+            signal.setitimer(signal.ITIMER_PROF, 0.01)
+            return
+        frame = frame.f_back
     raise TooSlow
 
 
-def tests_of(folder, path):
-    """The tests that import a module of the same folder, but for those of whole studies, and the module itself."""
-    room = ".".join(Path(path).parent.parts)
-    if room.startswith("satsep_ot.dynamics"):
-        room = "satsep_ot.dynamics"
-    found = []
-    for test in sorted((folder / "tests").glob("test_*.py")):
-        imported = re.findall(r"^from (satsep_ot\S*(?: import cli)?)", test.read_text(encoding="utf-8"), re.M)
-        concerned = any(name == room or name.startswith(f"{room}.") for name in imported)
-        if concerned and not any(re.match(r"satsep_ot(\.studies| import cli)", name) for name in imported):
-            found.append(f"tests/{test.name}")
-    return [*found, path]
+def test_files(folder):
+    """The files of tests, but for those of whole studies and of the command."""
+    files = sorted((folder / "tests").glob("test_*.py"))
+    studies = re.compile(r"^from satsep_ot(\.studies| import cli)", re.M)
+    return [f"tests/{file.name}" for file in files if not studies.search(file.read_text(encoding="utf-8"))]
 
 
-def in_child(folder, job, patience):
+def simulator_tests(folder):
+    """The files of tests that import a module of the simulator."""
+    simulator = re.compile(r"^from satsep_ot\.dynamics", re.M)
+    return [file for file in test_files(folder) if simulator.search((folder / file).read_text(encoding="utf-8"))]
+
+
+def in_child(folder, job, patience, name="job"):
     """What a job returns that runs in a copy of this process; None where it computes for too long or dies."""
-    answer = folder / "answer.json"
+    answer = folder / f"{name}.json"
     answer.unlink(missing_ok=True)
     child = os.fork()
     if child == 0:
@@ -323,7 +372,7 @@ def in_child(folder, job, patience):
             resource.setrlimit(resource.RLIMIT_CPU, (patience, patience))
             os.chdir(folder)
             sys.path[:0] = [str(folder), str(folder / "tests")]
-            with open(folder / "output.txt", "w") as output:
+            with open(folder / f"{name}.out", "w") as output:
                 os.dup2(output.fileno(), 1)
                 os.dup2(output.fileno(), 2)
             answer.write_text(json.dumps(job()))
@@ -373,23 +422,81 @@ def prepare(folder):
     (folder / "commit").write_text(commit.stdout.strip())
 
 
-def usual_durations(folder):
-    """How long each test takes without a mutant; endless for those that fail since nothing is compiled."""
-    kept = folder / "durations.json"
-    durations = json.loads(kept.read_text()) if kept.exists() else {}
-    paths = [path for layer in LAYERS for path in modules(folder, layer)]
-    for file in sorted({file for path in paths for file in tests_of(folder, path)} - durations.keys()):
+class Baseline:
+    """What the tests do without a mutant: the processor time of each, and the lines that it reaches.
 
-        def measure(file=file):
-            plugin = Order()
+    A test that is ended, or fails since nothing is compiled, has an infinite duration; its lines are those until then.
+    """
+
+    def __init__(self, folder):
+        self.folder, self.durations = folder, {}
+        self.files = test_files(folder) + [path for layer in LAYERS for path in modules(folder, layer)]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for measured, failed in pool.map(self._measured, self.files):
+                self.durations |= measured | dict.fromkeys(failed, math.inf)
+
+    def _record(self, file):
+        name = self.folder / f"{file.replace('/', '.')}.lines"
+        return coverage.Coverage(data_file=str(name), source=[str(self.folder / "satsep_ot")], config_file=False)
+
+    def _measured(self, file):
+        """The durations of the tests of a file, and those that failed."""
+
+        def measure():
+            record = self._record(file)
+            record.erase()
+            record.start()
+            record.switch_context(file)
+            plugin = Order(record=record)
             run_tests([file], plugin)
+            record.stop()
+            record.save()
             return [plugin.measured, plugin.failed]
 
-        measured, failed = in_child(folder, measure, 1500)
-        print(f"{file}: {sum(measured.values()):.1f} s, {len(measured)} tests, not used {len(failed)}", flush=True)
-        durations |= measured | dict.fromkeys(failed, math.inf) | {file: 0.0}
-        kept.write_text(json.dumps(durations))
-    return durations
+        name = file.replace("/", ".")
+        kept = self.folder / f"{name}.json"
+        if not kept.exists():
+            if in_child(self.folder, measure, 1500, name) is None:
+                raise SystemExit(f"{file} does not end, or crashes: see {name}.out in {self.folder}")
+            measured, failed = json.loads(kept.read_text())
+            print(f"{file}: {sum(measured.values()):.1f} s, {len(measured)} tests, not used {len(failed)}", flush=True)
+        return json.loads(kept.read_text())
+
+    def reaching(self, mutant):
+        """The tests that reach the statement of a mutant; a file stands for all its tests."""
+        text = (self.folder / mutant["path"]).read_text(encoding="utf-8")
+        statement = set(statement_lines(text, mutant["line"]))
+        found = set()
+        for file in self.files:
+            record = self._record(file)
+            record.load()
+            # In a copied FOLDER the paths are those of the first.
+            paths = [path for path in record.get_data().measured_files() if path.endswith(f"/{mutant['path']}")]
+            for path in paths:
+                reached = record.get_data().contexts_by_lineno(path)
+                found.update(*(reached.get(line, ()) for line in statement))
+        return found
+
+    def selected(self, reaching):
+        """The durations of these tests, and of all tests of the files among them."""
+        return {
+            name: time
+            for name, time in self.durations.items()
+            if "::" in name and (name in reaching or name.split("::")[0] in reaching)
+        }
+
+
+def statement_lines(text, line):
+    """The lines of the innermost statement around a line; of a compound one, those in front of its body."""
+    best = range(line, line + 1)
+    size = math.inf
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.stmt):
+            body = getattr(node, "body", None)
+            lines = range(node.lineno, body[0].lineno if body else node.end_lineno + 1)
+            if line in lines and len(lines) < size:
+                best, size = lines, len(lines)
+    return best
 
 
 @contextlib.contextmanager
@@ -404,27 +511,28 @@ def applied(folder, mutant):
         path.write_bytes(content)
 
 
-def noticed(folder, mutant, durations, first):
+def noticed(baseline, mutant, first):
     """The first test that fails, "" if none does."""
-
-    tests = tests_of(folder, mutant["path"])
+    folder, durations = baseline.folder, baseline.selected(baseline.reaching(mutant))
+    quick = {name: time for name, time in durations.items() if time < QUICK_TEST}
+    if not quick:
+        return ""
 
     def check():
-        plugin = Order(durations, first=first)
-        run_tests(tests, plugin, "-x")
+        plugin = Order(quick, first=first)
+        run_tests(sorted({name.split("::")[0] for name in quick}), plugin, "-x")
         return plugin.failed[0] if plugin.failed else ""
 
-    usual = sum(time for name, time in durations.items() if name.split("::")[0] in tests and time < QUICK_TEST)
     with applied(folder, mutant):
-        answer = in_child(folder, check, PATIENCE + math.ceil(2.0 * usual))
+        answer = in_child(folder, check, PATIENCE + math.ceil(2.0 * sum(quick.values())))
     return "it never ends, or crashes" if answer is None else answer
 
 
-def first_failure_compiled(folder):
-    """The first that fails of all fast tests of the simulator, compiled, in a process of its own; "" if none does."""
-    files = tests_of(folder, "satsep_ot/dynamics/simulation.py")[:-1]
+def first_failure_compiled(folder, files):
+    """The first that fails of all fast tests of these files, compiled, in a process of its own; "" if none does."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", "-m", "not slow", *files]
-    environment = os.environ | {"PYTHONPATH": str(folder)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(folder), os.environ.get("PYTHONPATH", "")])}
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"
     environment.pop("NUMBA_DISABLE_JIT", None)
     try:
         done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=3600)
@@ -433,6 +541,19 @@ def first_failure_compiled(folder):
     if done.returncode == 0:
         return ""
     return next((line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))), "it crashes")
+
+
+def noticed_compiled(baseline, mutant):
+    """The first test that fails, compiled, and not without the mutant; "" if none does."""
+    files = sorted({name.split("::")[0] for name in baseline.reaching(mutant)})
+    while files:
+        with applied(baseline.folder, mutant):
+            failure = first_failure_compiled(baseline.folder, files)
+        failing = [file for file in files if f" {file}" in failure]
+        if not failing or not first_failure_compiled(baseline.folder, failing):
+            return failure
+        files = files[files.index(failing[0]) + 1 :]
+    return ""
 
 
 def report(folder, chosen, results):
@@ -491,7 +612,7 @@ def main():
     if options.report:
         print(report(folder, chosen, results))
         return
-    durations = usual_durations(folder)
+    baseline = Baseline(folder)
     hints = json.loads((options.hints / "results.json").read_text()) if options.hints else {}
 
     def keep(name, mutant, answer, start):
@@ -506,21 +627,20 @@ def main():
     for mutant in chosen:
         if key(mutant) not in results:
             start = time.monotonic()
-            keep(key(mutant), mutant, noticed(folder, mutant, durations, hints.get(key(mutant))), start)
-    left = [mutant for mutant in chosen if "dynamics" in mutant["path"] and not results[key(mutant)]]
-    left = [mutant for mutant in left if not why_equivalent(mutant) and compiled(mutant) not in results]
-    if left and (failure := first_failure_compiled(folder)):
-        raise SystemExit(f"The compiled tests of the simulator fail without any mutant: {failure}")
+            keep(key(mutant), mutant, noticed(baseline, mutant, hints.get(key(mutant))), start)
+    left = [mutant for mutant in chosen if not (results[key(mutant)] or why_equivalent(mutant))]
     for mutant in left:
-        start = time.monotonic()
-        with applied(folder, mutant):
-            keep(compiled(mutant), mutant, first_failure_compiled(folder), start)
+        if compiled(mutant) not in results:
+            start = time.monotonic()
+            keep(compiled(mutant), mutant, noticed_compiled(baseline, mutant), start)
     print(report(folder, chosen, results))
 
 
 if __name__ == "__main__":
     # What all mutants share is imported once: each runs in a copy of this process.
-    os.environ |= {"NUMBA_DISABLE_JIT": "1", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    # One thread: one that waits for others cannot be ended.
+    threads = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+    os.environ |= {"NUMBA_DISABLE_JIT": "1", **threads}
     sys.dont_write_bytecode = True
     for module in ("numba", "openturns", "scipy.linalg", "scipy.stats", "scipy.integrate", "hypothesis", "matplotlib"):
         importlib.import_module(module)
