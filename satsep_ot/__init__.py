@@ -16,6 +16,7 @@ _HOMES = {
     "ActiveSubspaceResult": "methods.subspaces.result",
     "ActiveSubspaceReliability": "methods.reliability.algorithm",
     "ActiveSubspaceReliabilityResult": "methods.reliability.result",
+    "AskTellReliability": "methods.reliability.ask_tell",
     "CaseError": "model.case",
     "ConditionalReliability": "methods.reliability.conditional",
     "ConditionalReliabilityResult": "methods.reliability.conditional",

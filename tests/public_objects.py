@@ -109,6 +109,7 @@ OBJECTS = {
         "of a Python model": lambda: done(reliability(Model())).getResult(),
     },
     "ActiveSubspaceResult": {"new": lambda: done(subspace()).getResult()},
+    "AskTellReliability": {"new": lambda: satsep_ot.AskTellReliability(reliability(), "state")},
     "ConditionalReliability": {"new": conditional, "done": lambda: done(conditional())},
     "ConditionalReliabilityResult": {"new": lambda: done(conditional()).getResult()},
     "MonteCarloStream": {"new": stream, "done": lambda: done(stream())},

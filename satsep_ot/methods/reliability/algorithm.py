@@ -247,6 +247,12 @@ class ActiveSubspaceReliability(OpenTURNSObject):
         self._settings.checkpointFile = None if path is None else Path(path)
         self._settings.checksModel = bool(checksModel)
 
+    def asking(self, path: Path) -> "ActiveSubspaceReliability":
+        """The same, whose run ends with `BlockNeeded` where a file lacks true runs; made by `AskTellReliability`."""
+        algorithm = ActiveSubspaceReliability(self._event)
+        algorithm._settings = dataclasses.replace(self._settings, checkpointFile=path, checksModel=False, asks=True)
+        return algorithm
+
     def getResult(self) -> ActiveSubspaceReliabilityResult:
         """Accessor to the result of `run`."""
         if self._result is None:

@@ -147,6 +147,32 @@ def _intervalMargin(domain: ot.Interval) -> Callable:
     return lambda outputs: np.max([sign * (outputs[:, j] - bound) for j, sign, bound in bounds], axis=0)
 
 
+class BlockNeeded(BaseException):
+    """A block of true runs is needed from elsewhere. No error: what keeps an error of a function does not keep it.
+
+    Attributes
+    ----------
+    inputs : :py:class:`openturns.Sample`
+        Physical inputs (n, d), under their names.
+    outputNames : list of str
+    allowsNonFinite : bool
+        Whether an output may be a number that is not finite.
+    keep : callable
+        Takes the outputs, an array (n, p), into the log of the runs.
+    """
+
+    def __init__(
+        self,
+        inputs: ot.Sample,
+        outputNames: list[str],
+        allowsNonFinite: bool,
+        keep: Callable[[np.ndarray], object],
+    ) -> None:
+        super().__init__(f"{inputs.getSize()} runs are needed")
+        self.inputs, self.outputNames = inputs, outputNames
+        self.allowsNonFinite, self.keep = allowsNonFinite, keep
+
+
 class LimitStateEvent:
     """What an algorithm needs to know of an event.
 
@@ -196,6 +222,7 @@ class LimitStateEvent:
             )
         self._checkValue = None
         self._log = RunLog()
+        self._asks = False
         self.complement = False
         self.nonFinitePolicy = nonFinitePolicy
         self.nonFiniteNumber = 0
@@ -290,6 +317,9 @@ class LimitStateEvent:
         """
         if self._checkValue is None:
             return 0
+        if self._asks:
+            # There is no other function to compare with. It counts all the same: the answer is that of a direct run.
+            return 1
         direct = float(self._checkValue(x[None, :])[0])
         if not math.isclose(direct, margin, rel_tol=1e-6, abs_tol=1e-9 * spread + 1e-12 * abs(self._threshold)):
             raise ValueError(
@@ -310,8 +340,27 @@ class LimitStateEvent:
             log.checkModel("function", lambda x: callFunction(self.function, x))
         self._log = log
 
+    def askForRuns(self) -> None:
+        """From now on ask for the runs that the log lacks, by `BlockNeeded`, and for no gradient."""
+        self._asks, self.hasExactGradient = True, False
+
     def _logged(self, name, function, x, tolerant=False):
-        return self._log.values(name, x, lambda x: callFunction(function, x), function.getOutputDimension(), tolerant)
+        def call(points):
+            if self._asks:
+                raise self._needed(name, points, function, tolerant)
+            return callFunction(function, points)
+
+        return self._log.values(name, x, call, function.getOutputDimension(), tolerant)
+
+    def _needed(self, name, x, function, tolerant):
+        inputs, size = ot.Sample(x), function.getOutputDimension()
+        inputs.setDescription(self.distribution.getDescription())
+        return BlockNeeded(
+            inputs,
+            list(function.getOutputDescription()),
+            tolerant or self.nonFinitePolicy != "raise",
+            lambda outputs: self._log.values(name, x, lambda _: outputs, size, tolerant),
+        )
 
     def evaluate(self, u: np.ndarray, phase: str = "", exploring: bool = False) -> Runs:
         """One true run at each point (n, d) of standard space.

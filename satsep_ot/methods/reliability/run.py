@@ -82,6 +82,8 @@ class ReliabilityRun:
             file = CheckpointFile(settings.checkpointFile, fingerprintOf(**things), generatorState())
             self.limitState.keepRuns(file.log(), settings.checksModel)
             setGeneratorState(file.start)
+            if settings.asks:
+                self.limitState.askForRuns()
         self.generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
         self.recorder = RunRecorder(self.limitState, settings, self.generator)
         self._wideDesign = WideDesign(self.limitState.dimension, self.generator)

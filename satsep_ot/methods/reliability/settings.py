@@ -9,7 +9,7 @@ from typing import Any
 import openturns as ot
 
 MODES = ("fast", "safe")
-_OUTSIDE = ("progressCallback", "stopCallback", "checkpointFile", "checksModel")
+_OUTSIDE = ("progressCallback", "stopCallback", "checkpointFile", "checksModel", "asks")
 
 
 @dataclasses.dataclass
@@ -31,6 +31,8 @@ class ReliabilitySettings:
     stopCallback: Callable[[], bool] | None = None
     checkpointFile: Path | None = None
     checksModel: bool = True
+    # Whether a run that the checkpoint file lacks is asked for instead of made.
+    asks: bool = False
 
     def deciding(self) -> dict[str, Any]:
         """Those that decide on the runs, by name."""
