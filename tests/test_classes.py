@@ -64,7 +64,7 @@ def test_each_point_of_a_curve_says_how_it_is_known():
         slack = 0.15 * truth(0.4 * scale, 0.4)
         assert point.lower95 - slack <= truth(0.4 * scale, 0.4) <= point.upper95 + slack, scale
     # Near the case its own runs carry the answer, far from it they do not.
-    assert (points[0.85].runs, points[1.2].runs) == (0, 0)
+    assert (points[0.85].runs, points[1.0].runs) == (0, 0)
     assert points[0.3].runs > 0 or points[2.0].runs > 0
     # Without new runs only what is carried is there.
     carried = curves(case, study.getReliabilityResult("rolling"), makes_runs=False)

@@ -288,8 +288,8 @@ def test_the_script_of_the_readme_prints_what_the_readme_says(capsys):
     exec(compile(python_blocks(ROOT / "README.md")[0], "README.md", "exec"), {})
     number = r"([\d.]+(?:e-\d+)?)"
     pattern = re.compile(
-        rf"ActiveSubspaceReliabilityResult\(probability={number}, interval=\[{number}, {number}\], "
-        r"evaluations=(\d+), converged=True\)\n"
+        rf"ActiveSubspaceReliabilityResult\n  probability: {number}\n  interval: \[{number}, {number}\]\n"
+        r"  evaluations: (\d+)\n  converged: True\n"
     )
     found, shown = (
         [float(entry) for entry in pattern.search(part).groups()] for part in (capsys.readouterr().out, text)

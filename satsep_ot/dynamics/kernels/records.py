@@ -489,11 +489,12 @@ CHAIN_ADJOINT = record(
     ("by_f_1", NUMBER, _LANE),
     ("by_column", NUMBER, _LANE),
     ("row_entries", COLUMN_ADJOINT),
-    ("row", NUMBER, SUM_ROWS),
-    ("column", NUMBER, SUM_COLUMNS),
     # Of the impulse of all normal forces, and of the normal forces of a stage beside what they do to the motion.
     ("impulse", NUMBER, _LANE),
     ("normal", NUMBER, _LANE),
+    # The numbers of that row and of that column.
+    ("row", NUMBER, SUM_ROWS),
+    ("column", NUMBER, SUM_COLUMNS),
 )
 
 
