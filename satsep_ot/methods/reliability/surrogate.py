@@ -302,7 +302,10 @@ class LimitStateSurrogate:
         x = tested.variables(u[late] @ tested.directions, None)
         mean, deviation = tested.predictBoth(x)
         link = tested.link if isinstance(tested, ProcessFit) else Identity()
-        standard = (link.forward(column[late]) - mean) / deviation
+        values = link.forward(column[late])
+        # The earlier runs may all have been alike.
+        deviation = np.maximum(deviation, 1e-9 * max(float(np.abs(values).max()), 1e-290))
+        standard = (values - mean) / deviation
         logs = (
             link.logSlope(column[late])
             - np.log(deviation)
