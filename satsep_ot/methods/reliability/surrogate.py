@@ -230,7 +230,8 @@ class LimitStateSurrogate:
         self.components: list[RidgeFit | ProcessFit] = []
         earlier = [None] * values.shape[1] if previous is None else previous.components
         for column, old in zip(values.T, earlier, strict=True):
-            if reselect or old is None:
+            # The weights, or a mode's share, may have left too few runs for a model of the earlier size.
+            if reselect or old is None or old.model.parameters(self.inputs) > 0.75 * len(u):
                 self.components.append(self._choose(column, old, maximumDimension, maximumDegree))
             else:
                 self.components.append(old.refit(u, self._processed(column, old), weights))
@@ -295,7 +296,8 @@ class LimitStateSurrogate:
         """
         u, _, weights = self._training
         number = min(max(len(u) // 4, 8), 60)
-        if len(u) < 3 * number or len(u) - number < 1.2 * (self.inputs + 2):
+        fewest = max(1.2 * (self.inputs + 2), fit.model.parameters(self.inputs))
+        if len(u) < 3 * number or len(u) - number < fewest:
             return fit.score(weights)
         early, late = slice(None, -number), slice(-number, None)
         tested = fit.refit(u[early], column[early], weights[early])
