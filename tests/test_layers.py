@@ -77,6 +77,7 @@ FOLDERS = {
     "subspaces": {"common", "polynomials"},
     "reliability": {"common", "polynomials", "subspaces"},
     "parallel": {"common"},
+    "updating": {"common"},
     "comparison": {"common", "polynomials", "subspaces", "reliability", "parallel"},
 }
 STANDARD_LIBRARY = {
