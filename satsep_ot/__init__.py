@@ -35,6 +35,7 @@ _HOMES = {
     "SeparationFunction": "model.separation_function",
     "SeparationProblem": "model.separation_problem",
     "SeparationStudy": "studies.separation_study",
+    "SeparationUpdate": "studies.separation_update",
     "addToStudy": "openturns_object",
     "readFromStudy": "openturns_object",
     "TrueRuns": "methods.reliability.true_runs",

@@ -5,12 +5,12 @@ import shlex
 import sys
 
 from satsep_ot import __version__
-from satsep_ot.commands import benchmark, check, compare, new, report, simulate, study
+from satsep_ot.commands import benchmark, check, compare, new, report, simulate, study, update
 from satsep_ot.commands.printing import fail
 from satsep_ot.commands.streams import open_standard_streams
 from satsep_ot.interruption import INTERRUPTED, supervise
 
-COMMANDS = (new, check, simulate, study, compare, benchmark, report)
+COMMANDS = (new, check, simulate, study, compare, update, benchmark, report)
 _EXIT_CODES = (
     "exit codes: 0 success, 1 a separation could not be simulated,\n"
     "  2 bad input, or a file that cannot be read or written,\n"

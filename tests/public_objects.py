@@ -3,6 +3,7 @@
 import openturns as ot
 
 import satsep_ot
+from satsep_ot.model.ground_tests import parse_ground_tests
 
 # Exceptions and functions are no objects in this sense.
 EXCEPTIONS_AND_FUNCTIONS = {"CaseError", "addToStudy", "readFromStudy", "list_runs", "load_case", "load_runs"}
@@ -93,6 +94,12 @@ def sampledStudy():
 
 
 # Name of the class -> states of an object of it.
+def update():
+    case = satsep_ot.load_case("reference")
+    tests = parse_ground_tests("test,quantity,value,sigma\nscale,satellite.mass,100.4,0.05", case)
+    return satsep_ot.SeparationUpdate(case, tests, size=100)
+
+
 OBJECTS = {
     "ActiveSubspaceAlgorithm": {
         "new": subspace,
@@ -129,6 +136,7 @@ OBJECTS = {
     "SeparationProblem": {"new": lambda: satsep_ot.SeparationProblem("reference")},
     "TrueRuns": {"new": lambda: done(reliability()).getResult().getTrueRuns()},
     "SeparationStudy": {"new": study, "done": sampledStudy},
+    "SeparationUpdate": {"new": update, "done": lambda: done(update())},
 }
 CASES = [(name, state) for name, states in OBJECTS.items() for state in states]
 

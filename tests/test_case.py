@@ -468,7 +468,7 @@ REFUSALS = {
     "scatter below 0": ("sigma = 0.5 }", "sigma = 60 }", ["inputs.satellite_mass", "-85.4", "positive"]),
     "early delay": ("a = 0.0, b = 2.0", "a = -1.0, b = 2.0", ["inputs.delay", "not negative"]),
     "input is a number": (
-        "satellite_mass = { " + SCATTER + " }",
+        'satellite_mass = { in_tests = "shared", ' + SCATTER + " }",
         "satellite_mass = 0.5",
         ["inputs.satellite_mass", "sigma"],
     ),

@@ -143,6 +143,18 @@ def test_calibration_of_the_springs(capsys):
     assert printed.count("before 5500 +- 55") == 4
 
 
+def test_ground_tests_of_a_separation(capsys):
+    names, printed = run("ground_tests_of_a_separation", capsys)
+    learnt = {(row.name, row.kind): row for row in names["result"].learnt}
+    for (name, _), row in learnt.items():
+        assert abs(row.after - names["truth"][name]) < 3.0 * row.after_sigma
+    assert learnt["stiffness", "mean"].after_sigma < 0.6 * learnt["stiffness", "mean"].before_sigma
+    assert learnt["satellite_cg_x", "value"].after_sigma < 0.6 * learnt["satellite_cg_x", "value"].before_sigma
+    for row in names["result"].probabilities[:4]:
+        assert f"{row.requirement:15} before" in printed
+    assert names["result"].contradictions == ()
+
+
 def test_benchmark_study(capsys):
     names, _ = run("benchmark_study", capsys)
     errors = {(problem, method): error for problem, method, _, error, _ in names["table"]}

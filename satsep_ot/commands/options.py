@@ -32,6 +32,11 @@ def repetitions(text: str) -> int:
     return _whole(text, 1, 100_000)
 
 
+def draws(text: str) -> int:
+    """A number of draws from which quantiles are taken."""
+    return _whole(text, 100, 100_000)
+
+
 def seed(text: str) -> int:
     """A seed of the random generator."""
     return _whole(text, 0, 2**31 - 1)

@@ -221,16 +221,18 @@ def parse_case(text: str, file: str = "case") -> Case:
     return case_from_data(_toml(text, file), file, text)
 
 
-def case_from_data(data: dict[str, Any], file: str, text: str = "") -> Case:
+def case_from_data(data: dict[str, Any], file: str, text: str = "", files: dict[str, str] | None = None) -> Case:
     """The case that plain data say, as a TOML file holds them.
 
     Parameters
     ----------
     data : dict
     file : str
-        Name of the file, for messages; force-stroke tables are looked for beside it.
+        Name of the file, for messages.
     text : str
-        Text of the file.
+        The text of the file.
+    files : dict of str to str, optional
+        Force-stroke tables that were read before, as in `Case.files`; the others are read beside the file.
 
     Returns
     -------
@@ -242,7 +244,7 @@ def case_from_data(data: dict[str, Any], file: str, text: str = "") -> Case:
         As for `load_case`.
     """
     top = Table(file, TABLES[""], data, inner=[name for name in TABLES if name and "." not in name])
-    files: dict[str, str] = {}
+    files = dict(files or {})
     separation = read_separation(top, files)
     inputs = read_inputs(file, data.get("inputs", {}), separation)
     correlations = tables(file, CORRELATION, data.get("correlation", []), "correlation")

@@ -92,6 +92,10 @@ class UncertainInput:
         Whether all satellites of a fleet share its value.
     classes : tuple of ToleranceClass
         Sizes of its tolerance that can be bought.
+    is_shared_by_tests : bool
+        Whether ground tests and flight have the same value.
+    mean_uncertainty, sigma_uncertainty : float
+        Standard deviations of the mean and of the standard deviation of the distribution, in `unit`; 0 if known.
 
     Examples
     --------
@@ -115,6 +119,9 @@ class UncertainInput:
     group: str = ""
     is_shared: bool = False
     classes: tuple[ToleranceClass, ...] = ()
+    is_shared_by_tests: bool = False
+    mean_uncertainty: float = 0.0
+    sigma_uncertainty: float = 0.0
 
     @property
     def label(self) -> str:

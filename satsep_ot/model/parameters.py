@@ -383,6 +383,16 @@ INPUT = CaseTable("inputs", "An uncertain input.", (
         "any univariate OpenTURNS distribution by name, with its parameters as further keys, named as "
         "`getParameterDescription` names them (a shift `gamma` is 0 by default)", ABSENT),
     Row("mean", Number(), "with the first three, where it is not the nominal value", ABSENT, "nominal value"),
+    Row("in_tests", Choice({"anew": False, "shared": True}),
+        '`satsep-ot update` only: `"shared"` if tests and flight have the same value, because they use the same piece',
+        "anew"),
+    Row("mean_uncertainty", Scatter(),
+        "`satsep-ot update` only: standard deviation of the mean, which is known only roughly and is the same in tests "
+        'and flight, or text such as `"1 %"` of the nominal value; one mean for all springs with `.each`', ABSENT,
+        "`0`"),
+    Row("sigma_uncertainty", Scatter(),
+        '`satsep-ot update` only: standard deviation of the sigma likewise, or text such as `"30 %"` of sigma', ABSENT,
+        "`0`"),
     Row("description", Text(), "free text", ABSENT, "description of the quantity"),
     Row("group", Name(),
         "name of the tolerance that the input belongs to: inputs of one group are tightened together. By default "

@@ -24,6 +24,7 @@ from satsep_ot.model.reading.table import CaseError, Table, example_of, shown, s
 from satsep_ot.model.spelling import did_you_mean
 from satsep_ot.model.text import parsed_number
 from satsep_ot.model.values import Name, Number, Unit
+from satsep_ot.openturns_adapter import REFUSALS
 
 # Springs with a force-stroke table do not have these.
 _LINEAR_ONLY = ("springs.stiffness", "springs.deformation")
@@ -179,6 +180,13 @@ def _input(table, name, target: Target, nominal):
             classes=_classes(table, kind, target.unit, reference),
             series=series,
             number=number,
+            is_shared_by_tests=table.read("in_tests"),
+            mean_uncertainty=_scatter_size(table, "mean_uncertainty", target.unit, reference)
+            if "mean_uncertainty" in table
+            else 0.0,
+            sigma_uncertainty=_scatter_size(table, "sigma_uncertainty", target.unit, _sigma(table, distribution))
+            if "sigma_uncertainty" in table
+            else 0.0,
         )
         check_range(row, nominal)
     except CaseError:
@@ -200,6 +208,13 @@ def _distribution(table, kind, unit, reference):
     if kind == "plus_minus":
         return build_distribution("Uniform", {"a": mean - size, "b": mean + size})
     return build_distribution("Normal", {"mu": mean, "sigma": size / 3.0 if kind == "three_sigma" else size})
+
+
+def _sigma(table, distribution):
+    try:
+        return distribution.getStandardDeviation()[0]
+    except REFUSALS as error:
+        raise table.problem(f"{table.path} has a sigma_uncertainty, but its distribution has no sigma") from error
 
 
 def _classes(table, kind, unit, reference):

@@ -22,10 +22,17 @@ from satsep_ot.studies.telling.document import ReportError, read_json, read_resu
 from satsep_ot.studies.telling.failure_mixture import mixture_lines
 from satsep_ot.studies.telling.figures.axes import power_of_ten
 from satsep_ot.studies.telling.fleet import fleet_lines
-from satsep_ot.studies.telling.plain_data import to_plain
+from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import audit_remarks, limits, remarks
 from satsep_ot.studies.telling.results import Estimate, RequirementEntry, Section, StudyResult, main_quantities
 from satsep_ot.studies.telling.tolerance_curves import curve_lines, curve_rows
+from satsep_ot.studies.telling.update_results import (
+    UpdateResult,
+    misfit_sentence,
+    outlook_sentences,
+    sampling_sentence,
+    shown_value,
+)
 from satsep_ot.studies.telling.verdicts import (
     Status,
     Verdict,
@@ -49,6 +56,7 @@ _SYMBOLS = {
     Status.MET: "✓", Status.NOT_MET: "✗", Status.UNDECIDED: "?", Status.NO_ALLOWANCE: "–", Status.UNKNOWN: "–",
 }  # fmt: skip
 
+UPDATE = "update.json"  # what `satsep-ot update --study` keeps beside the results of a study
 _CURE = "the command of the study with --resume makes it again"
 
 
@@ -58,7 +66,8 @@ def render_report(directory: str | os.PathLike) -> str:
     Parameters
     ----------
     directory : str or path
-        With results.json, motion.json, case.toml and figures, as `SeparationStudy.save` writes them.
+        With results.json, motion.json, case.toml and figures, as `SeparationStudy.save` writes them, and update.json
+        where `satsep-ot update` has written it.
 
     Returns
     -------
@@ -82,7 +91,7 @@ def render_report(directory: str | os.PathLike) -> str:
             {"name": figure.name, "text": figure.text, "source": f"data:image/svg+xml;base64,{picture}"}
         )
     try:
-        return _render(result, pictures, motion, case_text)
+        return _render(result, pictures, motion, case_text, _ground_tests(directory / UPDATE))
     except (KeyError, TypeError, jinja2.UndefinedError) as error:
         raise ReportError(
             f"{directory / 'results.json'}: its parts do not belong together ({error}); run the study again"
@@ -120,7 +129,29 @@ def write_report(directory: str | os.PathLike) -> Path:
     return writeWhole(Path(directory) / "report.html", lambda stream: stream.write(text))
 
 
-def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, Any], case_text: str) -> str:
+def _ground_tests(path):
+    """The section on ground tests; empty where there are none."""
+    if not path.exists():
+        return ""
+    try:
+        update = from_plain(UpdateResult, read_json(path))
+    except ValueError as error:
+        raise ReportError(f"{path}: it is not what `satsep-ot update` writes ({error}); make it again") from error
+    template = (resources.files("satsep_ot.studies.telling") / "update.html").read_text(encoding="utf-8")
+    return markupsafe.Markup(
+        _environment()
+        .from_string(template)
+        .render(
+            update=update,
+            misfit_sentence=misfit_sentence,
+            outlook_sentences=outlook_sentences,
+            sampling_sentence=sampling_sentence,
+            shown_value=shown_value,
+        )
+    )
+
+
+def _environment():
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -129,11 +160,21 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
     environment.filters["behind"] = with_space
     environment.filters["number"] = number_text
     environment.filters["words"] = lambda name: name.replace("_", " ")
+    return environment
+
+
+def _render(
+    result: StudyResult,
+    pictures: dict[str, list],
+    motion: dict[str, Any],
+    case_text: str,
+    ground_tests: str,
+) -> str:
     template = (resources.files("satsep_ot.studies.telling") / "report.html").read_text(encoding="utf-8")
     by_requirement = result.rows_by_requirement()
     best = {name: best_estimate(rows) for name, rows in by_requirement.items()}
     advice, verdicts, told = tightening_advice(result), judge_all(result), any_violation(result)
-    return environment.from_string(template).render(
+    return _environment().from_string(template).render(
         result=result,
         pictures=pictures,
         answers=list(zip(result.requirements, verdicts, strict=True)),
@@ -166,6 +207,7 @@ def _render(result: StudyResult, pictures: dict[str, list], motion: dict[str, An
         chosen=max(result.violations, key=lambda name: _probability(best.get(name)), default=""),
         motion=_script_json(motion),
         case_text=case_text,
+        ground_tests=ground_tests,
     )
 
 
