@@ -174,7 +174,8 @@ def _render(
     by_requirement = result.rows_by_requirement()
     best = {name: best_estimate(rows) for name, rows in by_requirement.items()}
     advice, verdicts, told = tightening_advice(result), judge_all(result), any_violation(result)
-    return _environment().from_string(template).render(
+    page = _environment().from_string(template)
+    return page.render(
         result=result,
         pictures=pictures,
         answers=list(zip(result.requirements, verdicts, strict=True)),
