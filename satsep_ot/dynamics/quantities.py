@@ -121,7 +121,9 @@ def _tensor(columns):
 
 def _platform_speed(values):
     share = values[:, 4] / (values[:, 3] + values[:, 4])
-    return share * np.sqrt((values[:, :3] ** 2).sum(axis=1))
+    # Of absurd runs the square may overflow.
+    with np.errstate(over="ignore"):
+        return share * np.sqrt((values[:, :3] ** 2).sum(axis=1))
 
 
 def _nutation(component):
