@@ -294,7 +294,9 @@ def test_counts_of_failure_free_tests_update_the_probability_as_bayes_says():
     for row in rows:
         assert row.bound == pytest.approx(1.0 - 0.05 ** (1.0 / (row.number + 1)), rel=0.05)
     assert [row.number for row in rows] == [0, 10, 100]
-    assert neededNumber(rows) is None
+    # Before any test the chance is above the limit with 95 %, which decides; failure-free tests make it open again.
+    assert [row.decided for row in rows] == [1.0, 0.0, 0.0]
+    assert neededNumber(rows) == 0
 
 
 def test_failure_free_number_is_the_binomial_one():
