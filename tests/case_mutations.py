@@ -177,7 +177,9 @@ def damage_data(data, random):
         container[random.choice([str(other_key), *TEXTS[:6], "sigma", "distribution"])] = random.choice(NUMBERS)
     elif kind == 11:
         container[key] = random_distribution(random, value)
-    elif (isinstance(value, int) and not isinstance(value, bool)) or (isinstance(value, float) and math.isfinite(value)):
+    elif (isinstance(value, int) and not isinstance(value, bool)) or (
+        isinstance(value, float) and math.isfinite(value)
+    ):
         # Of another size or sign, often still allowed: what follows must then cope.
         scale = random.choice([-1.0, 0.5, 2.0, 1e-3, 1e3, 1e-6, 1e6, 10.0 ** random.uniform(-20.0, 20.0)])
         container[key] = float(min(max(value, -1e200), 1e200)) * scale + random.choice([0.0, 0.0, 1e-3, 1.0])
