@@ -313,7 +313,7 @@ def measured_inputs(case: Case, name: str) -> list[int]:
     >>> from satsep_ot.model.ground_tests import measured_inputs
     >>> case = load_case("reference")
     >>> measured_inputs(case, "springs.stiffness.2"), measured_inputs(case, "stiffness"), measured_inputs(case, "mass")
-    ([12], [11, 12, 13, 14], [])
+    ([15], [14, 15, 16, 17], [])
     """
     found = [i for i, row in enumerate(case.inputs) if row.name == name]
     if not found:
