@@ -1,5 +1,6 @@
 """Ground tests of a case: their table, what they teach, the command, the section of the report."""
 
+import dataclasses
 import json
 import math
 
@@ -105,6 +106,10 @@ BAD_TABLES = {
     table("t,rate_y,0.1,-1"): "row 2: sigma = '-1', but it must be positive",
     table(",rate_y,0.1,0.1"): "row 2: test = '', but it must be a name",
     table("t,rate_yy,0.1,0.1"): "is neither a quantity of this case nor an uncertain input; did you mean 'rate_y'",
+    table("t,rate_y,0.1,0.1", "t,rate_y,0.2,0.1"): "row 3: quantity = 'rate_y' stands in row 2 too, for the same test",
+    table("t,rate_y,0.1,0.1,x", columns=",springs"): "springs = 'x', but a whole table can only be none",
+    table("t,rate_y,0.1,0.1,3", columns=",inputs.mean"): "inputs.mean is no key of the case",
+    table("t,lateral_velocity,0.1,0.1"): "give axial_velocity and direction_x and direction_z",
     table("t,spin,0.1,0.1"): "'spin' has lost the signs of what it is made of, which the update needs; give rate_y",
     table("t,rate_y,0.1,0.1,5", columns=",satelite.mass"): "satelite.mass is no key of the case; did you mean",
     table("t,rate_y,0.1,0.1,heavy", columns=",satellite.mass"): "'heavy', but it must be a finite number",
@@ -254,7 +259,13 @@ def test_command_prints_tables_and_json_and_says_what_is_wrong(tmp_path, capsys,
     tests.write_text(updated[2])
     assert cli.main(["update", str(case), str(tests), "--size", "100"]) == 0
     printed = capsys.readouterr().out
-    for words in ("do not contradict the case", "rolling", "mass value", "rate_y sigma", "more tests like drop 7"):
+    for words in (
+        "No contradiction between the case and 8 tests",
+        "rolling",
+        "mass value",
+        "rate_y sigma",
+        "more tests like drop 7",
+    ):
         assert words in printed
     assert cli.main(["update", str(case), str(tests), "--size", "100", "--json", "--next", "drop 2"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -296,3 +307,11 @@ def test_the_report_of_a_study_has_a_section_on_the_tests(tmp_path, updated):
     assert 'id="ground-tests"' in report.read_text()
     (tmp_path / "study" / "update.json").write_text("{}")
     assert cli.main(["report", study]) == 2
+
+
+def test_a_posterior_that_was_not_found_is_not_told_as_an_answer(updated):
+    result = updated[0].getResult()
+    failed = dataclasses.replace(result, sampling=dataclasses.replace(result.sampling, converged=False))
+    assert failed.headline == (
+        "The posterior from 8 tests could not be computed: no number after the tests is to be trusted."
+    )

@@ -28,6 +28,11 @@ _MOST_ROWS = 2000
 _LONGEST_FILE = 1_000_000  # characters
 _CHUNK = 16384  # runs at once
 _HEADER = "a header that begins 'test,quantity,value,sigma'"
+# What has the signs that these sizes lack, beside the parts of norms.
+_SIGNED = {
+    "lateral_velocity": ("axial_velocity", "direction_x", "direction_z"),
+    "platform_velocity_change": ("axial_velocity", "direction_x", "direction_z"),
+}
 # Of a test these parts of the case say nothing.
 _OF_FLIGHT = ("requirements", "correlation")
 
@@ -250,12 +255,13 @@ def _is_parameter(separation, key, cell):
 def _change(data, key, cell, where):
     """Set a key of the data of a case to what a cell says."""
     table, _, name = key.rpartition(".")
-    if not (key in TABLES and cell == ABSENT):
-        known = TABLES.get(table)
-        if known is None or name not in known.keys:
-            every = [f"{one.name}.{row.key}".lstrip(".") for one in TABLES.values() for row in one.rows]
-            hint = did_you_mean(key, [*every, *TABLES]) or "; a column must be one of its keys, such as satellite.mass"
-            raise CaseError(f"{where}: {shown_key(key)} is no key of the case{hint}")
+    tables = {name: one for name, one in TABLES.items() if name not in (*_OF_FLIGHT, "inputs")}
+    if key in tables and cell != ABSENT:
+        raise CaseError(f"{where}: {key} = {shown(cell)}, but a whole table can only be {ABSENT}; give one of its keys")
+    if key not in tables and (table not in tables or name not in tables[table].keys):
+        every = [f"{one.name}.{row.key}".lstrip(".") for one in tables.values() for row in one.rows]
+        hint = did_you_mean(key, [*every, *tables]) or "; a column must be one of its keys, such as satellite.mass"
+        raise CaseError(f"{where}: {shown_key(key)} is no key of the case{hint}")
     if cell == ABSENT:
         holder = data.get(table, {}) if table else data
         if isinstance(holder, dict):
@@ -272,24 +278,31 @@ def _change(data, key, cell, where):
 
 
 def _check_quantities(test, case, file):
+    table = quantity_table(test.separation)
+    first: dict[str, int] = {}
     for row in test.rows:
         where = f"{file}: row {row.row}: quantity = {shown(row.quantity)}"
-        table = quantity_table(test.separation)
+        pieces = measured_inputs(case, row.quantity)
+        if row.quantity in first and len(pieces) < 2:
+            raise CaseError(
+                f"{where} stands in row {first[row.quantity]} too, for the same test; give one value with its sigma, "
+                "or another name to another test"
+            )
+        first[row.quantity] = row.row
         if row.quantity in table:
             if row.quantity in CONTACT_QUANTITIES:
                 raise CaseError(f"{where} has no gradient, which the update needs; give velocities and rates")
-            parts = table[row.quantity].norm_of
-            if parts or row.quantity == "lateral_velocity":
-                cure = f"give {' and '.join(parts)}" if parts else "it cannot be used"
-                raise CaseError(f"{where} has lost the signs of what it is made of, which the update needs; {cure}")
-        elif not measured_inputs(case, row.quantity):
+            parts = _SIGNED.get(row.quantity, table[row.quantity].norm_of)
+            if parts:
+                raise CaseError(
+                    f"{where} has lost the signs of what it is made of, which the update needs; give "
+                    f"{' and '.join(parts)}"
+                )
+        elif not pieces:
             known = [*table, *(one.name for one in case.inputs)]
             hint = did_you_mean(row.quantity, known) or f"; there are {', '.join(known)}"
             raise CaseError(f"{where} is neither a quantity of this case nor an uncertain input{hint}")
-        elif (
-            len(measured_inputs(case, row.quantity)) > 1
-            and case.inputs[measured_inputs(case, row.quantity)[0]].is_shared_by_tests
-        ):
+        elif len(pieces) > 1 and case.inputs[pieces[0]].is_shared_by_tests:
             raise CaseError(f"{where} is shared by tests and flight; say which one it is, as in {row.quantity}_1")
 
 

@@ -184,12 +184,15 @@ class UpdateResult:
         """The answer in one sentence."""
         count = f"{len(self.tests)} test{'s' if len(self.tests) > 1 else ''}"
         if self.contradictions:
-            return f"The {count} contradict the case: what they teach is not to be trusted."
+            return f"Contradiction between the case and {count}: what is learnt is not to be trusted."
+        if not self.sampling.converged:
+            return f"The posterior from {count} could not be computed: no number after the tests is to be trusted."
+        agreed = f"No contradiction between the case and {count}"
         judged = [row for row in self.probabilities if row.allowed is not None]
         if not judged:
-            return f"The {count} do not contradict the case."
+            return f"{agreed}."
         words = ", ".join(f"{row.requirement} {row.verdict}" for row in judged)
-        return f"The {count} do not contradict the case; after them: {words}."
+        return f"{agreed}; after: {words}."
 
 
 def misfit_sentence(row: Misfit) -> str:
