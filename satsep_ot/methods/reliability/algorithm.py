@@ -149,6 +149,22 @@ class ActiveSubspaceReliability(OpenTURNSObject):
         """Accessor to the largest number of true runs."""
         return self._settings.maximumEvaluations
 
+    def setBlockSize(self, value: int | None) -> None:
+        """Smallest number of true runs at once wherever the algorithm may choose it (default None).
+
+        For a function that makes many runs in the time of one, as a cluster does. Blocks grow with the number of runs
+        that there are in any case, and a block larger than it needs to be learns less from each of its runs. The first
+        runs, searches for a limit and subset simulation keep their own sizes, and the wide runs of a block are asked
+        for after its others.
+        """
+        if value is not None and (int(value) != value or value < 1):
+            raise ValueError(f"the block size is {value}; it must be a positive integer, or None")
+        self._settings.blockSize = None if value is None else int(value)
+
+    def getBlockSize(self) -> int | None:
+        """Accessor to the smallest number of true runs at once."""
+        return self._settings.blockSize
+
     def setAllowedProbability(self, value: float | None, coefficientOfVariation: float = math.inf) -> None:
         """Stop, too, as soon as the probability is known to be above or below this one (default None).
 

@@ -135,7 +135,7 @@ class AskTellReliability(OpenTURNSObject):
         self._refuseTold(x)
         if needed is None:
             raise RuntimeError("no block of runs is asked for any more; getResult() has the result")
-        _checkInputs(needed.inputs, x)
+        checkInputs(needed.inputs, x)
         shape = (needed.inputs.getSize(), len(needed.outputNames))
         if y.shape != shape:
             raise ValueError(f"the outputs have the shape {y.shape}; {shape} was asked for; tell the whole block")
@@ -165,6 +165,16 @@ class AskTellReliability(OpenTURNSObject):
             raise RuntimeError(
                 "there is no result yet; tell the outputs of what ask() gives until it is None"
             ) from None
+
+    def getOutputNames(self) -> list[str]:
+        """Names of the outputs of a run, in their order; empty where no run is needed any more."""
+        needed = self._advance()
+        return [] if needed is None else list(needed.outputNames)
+
+    def acceptsNonFinite(self) -> bool:
+        """Whether an output of the block that `ask` gives may be a number that is not finite."""
+        needed = self._advance()
+        return needed is None or needed.allowsNonFinite
 
     def getRuns(self) -> tuple[ot.Sample, ot.Sample]:
         """Inputs and outputs of all runs that the last `ask` or `tell` found in the state.
@@ -200,18 +210,41 @@ def _same(expected, given):
     return np.isclose(given, expected, rtol=_SAME_INPUT, atol=0.0)
 
 
-def _checkInputs(asked, given):
+def checkInputs(asked: ot.Sample, given: np.ndarray, place: str = "") -> None:
+    """Refuse inputs that are not those that were asked for.
+
+    Parameters
+    ----------
+    asked : :py:class:`openturns.Sample`
+        With the names of the inputs.
+    given : array (n, d)
+        May have gone through text.
+    place : str
+        Where they stand, for messages.
+
+    Raises
+    ------
+    ValueError
+        There are more or fewer of them, or one is another number.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import openturns as ot
+    >>> from satsep_ot.methods.reliability.ask_tell import checkInputs
+    >>> checkInputs(ot.Sample([[1.0 / 3.0]]), np.array([[0.33333333333]]))
+    """
     expected = np.array(asked)
     if given.shape != expected.shape:
         raise ValueError(
-            f"the inputs have the shape {given.shape}; {expected.shape} was asked for; tell the whole block, as ask() "
-            "gives it"
+            f"{place}the inputs have the shape {given.shape}; {expected.shape} was asked for; tell the whole block, as "
+            "ask() gives it"
         )
     changed = ~_same(expected, given)
     if changed.any():
-        row, column = np.argwhere(changed)[0]
+        row, column = map(int, np.argwhere(changed)[0])
         raise ValueError(
-            f"the inputs are not those that were asked for: {asked.getDescription()[int(column)]} of row {row} is "
-            f"{given[row, column]!r} where {expected[row, column]!r} was asked for; take them, in their order, from "
-            "ask()"
+            f"{place}the inputs are not those that were asked for: {asked.getDescription()[column]} of row {row} is "
+            f"{float(given[row, column])!r} where {float(expected[row, column])!r} was asked for; take them, in their "
+            "order, from ask()"
         )

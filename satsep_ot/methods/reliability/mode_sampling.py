@@ -197,7 +197,7 @@ class ModeSampling:
         """Draw a block, learn from it, and follow what it shows: the estimate with it."""
         probability = Estimate(self.blocks).probability if self.blocks else sum(mode.mass for mode in self.modes)
         proposal = self._propose(probability)
-        size = min(max(60, int(0.15 * self._recorder.used())), self._left())
+        size = self._recorder.blockSize(max(60, int(0.15 * self._recorder.used())))
         u, parts = proposal.sample(size, self._generator)
         # Wide runs last: they may have no value.
         order = np.argsort(parts == 1, kind="stable")

@@ -59,6 +59,10 @@ class RunRecorder:
         """Evaluations that are left."""
         return self._settings.maximumEvaluations - self.used()
 
+    def blockSize(self, least: int) -> int:
+        """Runs of the next block: so many, or as many as the user asks for, as far as evaluations are left."""
+        return min(max(least, self._settings.blockSize or 1), self.remaining())
+
     def runs(self) -> Runs:
         """All true runs in their order."""
         return Runs.concatenate(self.blocks)

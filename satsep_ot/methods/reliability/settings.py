@@ -10,6 +10,7 @@ import openturns as ot
 
 MODES = ("fast", "safe")
 _OUTSIDE = ("progressCallback", "stopCallback", "checkpointFile", "checksModel", "asks")
+_LATER = ("blockSize",)
 
 
 @dataclasses.dataclass
@@ -26,6 +27,7 @@ class ReliabilitySettings:
     verdictCoefficientOfVariation: float = math.inf
     mode: str = "fast"
     nonFinitePolicy: str = "raise"
+    blockSize: int | None = None
     knownRuns: tuple[ot.Sample, ot.Sample, ot.Distribution | None] | None = None
     progressCallback: Callable[[float], None] | None = None
     stopCallback: Callable[[], bool] | None = None
@@ -37,5 +39,9 @@ class ReliabilitySettings:
     def deciding(self) -> dict[str, Any]:
         """Those that decide on the runs, by name."""
         return {
-            field.name: getattr(self, field.name) for field in dataclasses.fields(self) if field.name not in _OUTSIDE
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if field.name not in _OUTSIDE
+            # Checkpoints of earlier versions do not have these.
+            and not (field.name in _LATER and getattr(self, field.name) is None)
         }

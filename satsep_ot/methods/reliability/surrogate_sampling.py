@@ -229,7 +229,7 @@ class SurrogateSampling:
         return failure * (1.0 - share) + share * self._limitState.failsWhereNotFinite()
 
     def _size(self):
-        return min(max(8, int(0.12 * self._recorder.used())), self._left())
+        return self._recorder.blockSize(max(8, int(0.12 * self._recorder.used())))
 
     def _exploreLow(self):
         """Runs where a surrogate without a failure region is lowest."""
