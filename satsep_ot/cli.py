@@ -5,16 +5,17 @@ import shlex
 import sys
 
 from satsep_ot import __version__
-from satsep_ot.commands import benchmark, check, compare, new, report, simulate, study, update
+from satsep_ot.commands import ask, benchmark, check, compare, new, report, simulate, study, tell, update
 from satsep_ot.commands.printing import fail
 from satsep_ot.commands.streams import open_standard_streams
 from satsep_ot.interruption import INTERRUPTED, supervise
 
-COMMANDS = (new, check, simulate, study, compare, update, benchmark, report)
+COMMANDS = (new, check, simulate, study, compare, update, ask, tell, benchmark, report)
 _EXIT_CODES = (
     "exit codes: 0 success, 1 a separation could not be simulated,\n"
     "  2 bad input, or a file that cannot be read or written,\n"
-    "  3 a requirement is not met (study with --fail-unless-met), 130 interrupted"
+    "  3 a requirement is not met (study with --fail-unless-met),\n"
+    "  4 heavy runs are needed (ask, study with --heavy), 130 interrupted"
 )
 
 
@@ -30,7 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     -------
     code : int
         0 success, 1 a separation could not be simulated, 2 bad input, or a file that cannot be read or written, 3 a
-        requirement is not met where that was asked for, 130 interrupted.
+        requirement is not met where that was asked for, 4 heavy runs are needed, 130 interrupted.
 
     Examples
     --------

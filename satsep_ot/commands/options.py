@@ -83,6 +83,18 @@ def add_case(parser: argparse.ArgumentParser, required: bool = False) -> None:
         parser.add_argument("case", nargs="?", default="reference", metavar="CASE.toml", help=text)
 
 
+def add_block(parser: argparse.ArgumentParser) -> None:
+    """How many heavy runs are made at once, and what one without a value is."""
+    parser.add_argument(
+        "--block", type=positive, metavar="N",
+        help="ask for at least N heavy runs at once where their number is free (default: as few as are worth it)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--non-finite", choices=("raise", "failure", "safe"), default="raise", metavar="WHAT",
+        help="what a heavy run without a value is: failure, safe, or raise, by which it is refused (default: raise)",
+    )  # fmt: skip
+
+
 def add_directory_options(parser: argparse.ArgumentParser) -> None:
     """What to do with results that are there already."""
     group = parser.add_mutually_exclusive_group()

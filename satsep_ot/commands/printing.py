@@ -17,6 +17,10 @@ def fail(message: object, code: int) -> int:
     return code
 
 
+# Exit code of a command that waits for heavy runs.
+RUNS_NEEDED = 4
+
+
 def report_status(is_ok: bool, sentence: str) -> int:
     """The exit code of a nominal run, with a line on stderr where it failed."""
     return 0 if is_ok else fail(f"the nominal separation cannot be simulated: {sentence}", 1)

@@ -216,24 +216,51 @@ class SeparationProblem(OpenTURNSObject):
         names, smooth_names = self._component_names(requirements)
         # Not getMarginal, whose Hessian has no diagonal in OpenTURNS 1.27: SORM would be wrong.
         function = ot.Function(SeparationFunction(self._case, quantities=names, countsEndings=True))
-
-        def compose(variables, exact):
-            values = [self._compared(entry, variables, exact) for entry in requirements]
-            if requirement is not None:
-                return values[0]
-            margins = ot.ComposedFunction(self._margins(), ot.AggregatedFunction(values))
-            return _described(
-                ot.ComposedFunction(minimumFunction(len(values)), margins),
-                self._labels(variables),
-                "smallest margin [1]",
-            )
-
         return (
             function,
-            compose(names, True),
+            self._composition(requirement, requirements, names, True),
             [names.index(name) for name in smooth_names],
-            compose(smooth_names, False),
+            self._composition(requirement, requirements, smooth_names, False),
         )
+
+    def getMeasuredComponents(
+        self, requirement: str | Requirement | None = None, ofAll: bool = False
+    ) -> tuple[ot.Function, ot.Function]:
+        """The components behind an event that another simulator can give, too: no more than a requirement is about.
+
+        Parameters
+        ----------
+        requirement : str or Requirement, optional
+            None stands for the system event.
+        ofAll : bool
+            Whether the components are those of all requirements, so that one run serves all events.
+
+        Returns
+        -------
+        function : :class:`openturns.Function`
+            From the inputs to p components, by a run of this package's simulator: the parts of a norm, or the quantity
+            of the requirement itself.
+        composition : :class:`openturns.Function`
+            Native; from the p components to the variable of the event.
+
+        Raises
+        ------
+        ValueError
+            As for `getComponents`.
+
+        Examples
+        --------
+        >>> from satsep_ot.model.separation_problem import SeparationProblem
+        >>> function, composition = SeparationProblem("reference").getMeasuredComponents("lateral rate")
+        >>> function.getOutputDescription(), composition([3.0, 4.0])[0]
+        ([rate_x [deg/s],rate_z [deg/s]], 5.0)
+        """
+        requirements = self._requirements(requirement)
+        wanted = self._requirements(None) if ofAll else requirements
+        parts = [self._quantities[entry.quantity].norm_of or (entry.quantity,) for entry in wanted]
+        names = list(dict.fromkeys(name for group in parts for name in group))
+        function = ot.Function(SeparationFunction(self._case, quantities=names, countsEndings=True))
+        return function, self._composition(requirement, requirements, names, True)
 
     def getSmoothComponentNames(self, requirement: str | Requirement | None = None) -> list[str]:
         """Names of the smooth components behind an event, in the order of the smooth indices of `getComponents`.
@@ -257,6 +284,16 @@ class SeparationProblem(OpenTURNSObject):
         if not self._case.requirements:
             raise CaseError(f"{self._case.name}: the case has no requirements; give at least one [[requirements]]")
         return list(self._case.requirements)
+
+    def _composition(self, requirement, requirements, variables, exact):
+        """What an event compares, of these variables: a quantity, or for None the smallest margin of all."""
+        values = [self._compared(entry, variables, exact) for entry in requirements]
+        if requirement is not None:
+            return values[0]
+        margins = ot.ComposedFunction(self._margins(), ot.AggregatedFunction(values))
+        return _described(
+            ot.ComposedFunction(minimumFunction(len(values)), margins), self._labels(variables), "smallest margin [1]"
+        )
 
     def _component_names(self, requirements):
         """Names of all components of requirements, and of those that are smooth."""

@@ -53,11 +53,14 @@ class RunOutputs:
         Of the run.
     columns : dict of str to str
         Cells by the names of their columns.
+    inputs : dict of str to float
+        What was asked for, by the names of the inputs.
     """
 
     path: Path
     name: str
     columns: dict[str, str]
+    inputs: dict[str, float]
 
     def values(self, names: Sequence[str], acceptsNonFinite: bool) -> list[float]:
         """Outputs of these names.
@@ -65,14 +68,20 @@ class RunOutputs:
         Raises
         ------
         ValueError
-            There is no such output, or it is no number, or not finite where it has to be.
+            There is no such output, it is no number, or not finite where it has to be; or an input in another column is
+            not as it was asked for.
         """
         for name in names:
             if name not in self.columns:
                 raise ValueError(
                     f"{self.path} has no column {name!r}; give a column for each output: {', '.join(names)}"
                 )
-        found = [_value(self.path, {RUN: self.name, **self.columns}, name) for name in names]
+        found = [self._value(name) for name in names]
+        shared = [name for name in self.inputs if name in self.columns and name not in names]
+        if shared:
+            asked = ot.Sample([[self.inputs[name] for name in shared]])
+            asked.setDescription(shared)
+            checkInputs(asked, np.array([list(map(self._value, shared))]), f"{self.path}, run {self.name}: ")
         if not acceptsNonFinite and not np.isfinite(found).all():
             raise ValueError(
                 f"{self.path}: the run {self.name} has the outputs {found}, which must be finite; make it again, or "
@@ -80,14 +89,17 @@ class RunOutputs:
             )
         return found
 
+    def _value(self, name):
+        return _value(self.path, self.name, name, self.columns[name])
+
 
 class RunFiles(OpenTURNSObject):
     """A directory in which ``block-N-inputs.csv`` asks for runs and ``block-N-outputs.csv`` answers.
 
     The first column of both is ``run``, the name of each run: its number, and six digits of a checksum of its inputs. A
-    file of outputs has a column for each output, and its rows may stand in any order; columns of inputs in it are
-    compared with those that were asked for, other columns are left alone. A cell that is empty or ``nan`` is an output
-    that is not finite.
+    file of outputs has a column for each output, and its rows may stand in any order. Columns of inputs in it are
+    compared with those that were asked for, where no output has their name; other columns are left alone. A cell that
+    is empty or ``nan`` is an output that is not finite.
 
     Parameters
     ----------
@@ -253,7 +265,7 @@ def _readInputs(path):
     rows, runs = _table(path), []
     names = [name for name in rows[0] if name != RUN] if rows else []
     for row in rows:
-        values = np.array([_value(path, row, name) for name in names])
+        values = np.array([_value(path, row[RUN], name, row[name]) for name in names])
         if row[RUN].partition("-")[2] != _tag(values):
             raise ValueError(
                 f"{path}: the run {row[RUN]} is not as it was written; remove the file, and it is written again"
@@ -262,12 +274,11 @@ def _readInputs(path):
     return names, runs
 
 
-def _value(path, row, name):
-    text = row[name]
+def _value(path, run, name, text):
     try:
         return float(text) if text else float("nan")
     except ValueError:
-        raise ValueError(f"{path}: {name!r} of the run {row[RUN]} is {text!r}; give a number, or nothing") from None
+        raise ValueError(f"{path}: {name!r} of the run {run} is {text!r}; give a number, or nothing") from None
 
 
 def _answers(path, inputs):
@@ -286,15 +297,7 @@ def _answers(path, inputs):
         raise ValueError(
             f"{path}: {len(absent)} of {len(expected)} runs are missing, the first is {absent[0]}; give the whole block"
         )
-    answers = {}
-    for name, values in runs:
-        row = given[name]
-        shared = [k for k, column in enumerate(names) if column in row]
-        if shared:
-            block = ot.Sample(values[None, shared])
-            block.setDescription([names[k] for k in shared])
-            found = np.array([[_value(path, row, names[k]) for k in shared]])
-            checkInputs(block, found, f"{path}, run {name}: ")
-        outputs = {column: text for column, text in row.items() if column not in (RUN, *names)}
-        answers[values.tobytes()] = RunOutputs(path, name, outputs)
-    return answers
+    return {
+        values.tobytes(): RunOutputs(path, name, given[name], dict(zip(names, values.tolist(), strict=True)))
+        for name, values in runs
+    }

@@ -1,0 +1,181 @@
+"""The probability of a violation by a heavy simulator that runs elsewhere, with this package's simulator beside it."""
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import runpy
+from collections.abc import Iterator
+from pathlib import Path
+
+import openturns as ot
+
+from satsep_ot.methods.common.storage import writeWhole
+from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
+from satsep_ot.methods.reliability.ask_tell import AskTellReliability, outsideFunction
+from satsep_ot.model.case import SYSTEM, Case, load_uncertain_case
+from satsep_ot.model.separation_problem import SeparationProblem
+from satsep_ot.studies.results_directory import DirectoryError
+
+_FORMAT = 1
+_QUESTION, _CASE, _STATE = "question.json", "case.toml", "state"
+
+
+@dataclasses.dataclass(frozen=True)
+class HeavyQuestion:
+    """What heavy runs are asked for.
+
+    Attributes
+    ----------
+    requirement : str
+        Of the case, or "any requirement"; of a Python model its file.
+    seed : int
+    target : float
+        Coefficient of variation at which the runs end.
+    maximum : int
+        Number of heavy runs at which they end in any case.
+    block : int or None
+        Smallest number of heavy runs at once; None for as few as the algorithm likes.
+    policy : str
+        What a run with an output that is not finite is: "raise" (refused), "failure" or "safe".
+    """
+
+    requirement: str
+    seed: int = 0
+    target: float = 0.1
+    maximum: int = 5000
+    block: int | None = None
+    policy: str = "raise"
+
+    def algorithm(
+        self, problem: SeparationProblem, ofAll: bool = False, allowed: float | None = None
+    ) -> ActiveSubspaceReliability:
+        """The algorithm for a requirement of a case, whose heavy runs are made elsewhere.
+
+        Parameters
+        ----------
+        problem : :class:`satsep_ot.model.separation_problem.SeparationProblem`
+        ofAll : bool
+            Whether each run gives the quantities of all requirements.
+        allowed : float, optional
+            The runs also end as soon as the probability is known to be above or below this one.
+        """
+        name = None if self.requirement == SYSTEM else self.requirement
+        event = problem.getSystemEvent() if name is None else problem.getEvent(name)
+        simulator, composition = problem.getMeasuredComponents(name, ofAll)
+        heavy = outsideFunction(simulator.getInputDescription(), simulator.getOutputDescription())
+        variable = ot.CompositeRandomVector(
+            ot.ComposedFunction(composition, heavy), ot.RandomVector(problem.getDistribution())
+        )
+        algorithm = ActiveSubspaceReliability(ot.ThresholdEvent(variable, event.getOperator(), event.getThreshold()))
+        algorithm.setComponents(heavy, composition)
+        algorithm.setTargetCoefficientOfVariation(self.target)
+        algorithm.setMaximumEvaluations(self.maximum)
+        algorithm.setBlockSize(self.block)
+        algorithm.setNonFinitePolicy(self.policy)
+        algorithm.setAllowedProbability(allowed, math.inf)
+        return algorithm
+
+    def begin(self, algorithm: ActiveSubspaceReliability, state: str | os.PathLike) -> AskTellReliability:
+        """Ask and tell with a state file; a new one begins with the seed."""
+        ot.RandomGenerator.SetSeed(self.seed)
+        return AskTellReliability(algorithm, state)
+
+
+@contextlib.contextmanager
+def telling_errors() -> Iterator[None]:
+    """A block whose errors of runs and states are errors of their directory, in one sentence."""
+    try:
+        yield
+    except ValueError as error:
+        raise DirectoryError(str(error)) from error
+
+
+def begin_question(directory: Path, question: HeavyQuestion, case: Case | None) -> None:
+    """Keep a question in a directory of its own, with its case.
+
+    Parameters
+    ----------
+    directory : :class:`pathlib.Path`
+        Made where it does not exist.
+    question : HeavyQuestion
+    case : :class:`satsep_ot.model.case.Case`, optional
+        None for a Python model, whose file is named by the question.
+
+    Raises
+    ------
+    DirectoryError
+        The directory holds another question, or other files.
+    """
+    text = json.dumps({"format": _FORMAT, "python": case is None, **dataclasses.asdict(question)}, indent=2) + "\n"
+    files = {} if case is None else {_CASE: case.text, **case.files}
+    path = directory / _QUESTION
+    if path.exists():
+        _refuse_other(directory, files | {_QUESTION: text})
+        return
+    if directory.exists() and any(directory.iterdir()):
+        raise DirectoryError(f"{directory} holds other files; give a directory of its own")
+    directory.mkdir(parents=True, exist_ok=True)
+    # The question last: where it is, all is there.
+    for name, content in [*files.items(), (_QUESTION, text)]:
+        _write(directory / name, content.encode())
+
+
+def _write(path, content):
+    writeWhole(path, lambda stream: stream.write(content))
+
+
+def _refuse_other(directory, files):
+    for name, content in files.items():
+        path = directory / name
+        if not path.exists() or path.read_text(encoding="utf-8") != content:
+            raise DirectoryError(
+                f"{directory} holds another question ({name} differs); leave out what begins one to go on with it, or "
+                "give another directory"
+            )
+
+
+def load_question(directory: Path) -> tuple[HeavyQuestion, AskTellReliability]:
+    """The question of a directory, to go on with. The file of a Python model is executed.
+
+    Raises
+    ------
+    DirectoryError
+        There is none, or it cannot be read.
+    """
+    path = directory / _QUESTION
+    if not path.exists():
+        raise DirectoryError(f"{directory} holds no question; begin one with --case and --requirement, or with --model")
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        is_known = content.pop("format") == _FORMAT
+        is_python = content.pop("python")
+        question = HeavyQuestion(**content)
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise DirectoryError(f"{path} cannot be read ({error}); give another directory") from error
+    if not is_known:
+        raise DirectoryError(f"{path} is of another version; give another directory")
+    if is_python:
+        algorithm = python_algorithm(Path(question.requirement))
+        if question.block is not None:
+            algorithm.setBlockSize(question.block)
+    else:
+        algorithm = question.algorithm(SeparationProblem(load_uncertain_case(directory / _CASE)))
+    return question, question.begin(algorithm, directory / _STATE)
+
+
+def python_algorithm(path: Path) -> ActiveSubspaceReliability:
+    """The `algorithm` that a Python file defines. The file is executed.
+
+    Raises
+    ------
+    DirectoryError
+        There is no such file, or it defines none.
+    """
+    if not path.is_file():
+        raise DirectoryError(f"{path}: there is no such file; give a Python file that defines algorithm")
+    found = runpy.run_path(str(path)).get("algorithm")
+    if not isinstance(found, ActiveSubspaceReliability):
+        raise DirectoryError(f"{path} must define algorithm, an ActiveSubspaceReliability; it is {found!r}")
+    return found
