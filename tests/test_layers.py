@@ -84,8 +84,8 @@ STANDARD_LIBRARY = {
     "abc", "argparse", "base64", "collections", "concurrent", "contextlib", "copy", "csv", "ctypes", "dataclasses",
     "datetime", "difflib", "enum", "faulthandler", "fcntl", "functools", "gc", "hashlib", "html", "importlib", "io",
     "itertools", "json", "logging", "math", "multiprocessing", "os", "pathlib", "pickle", "platform", "re", "runpy",
-    "signal", "stat", "statistics", "subprocess", "sys", "tempfile", "threading", "time", "tomllib", "traceback", "types",
-    "typing", "unicodedata", "warnings", "weakref", "xml", "zipfile", "zlib",
+    "signal", "stat", "statistics", "subprocess", "sys", "tempfile", "threading", "time", "tomllib", "traceback",
+    "types", "typing", "unicodedata", "warnings", "weakref", "xml", "zipfile", "zlib",
 }  # fmt: skip
 
 
