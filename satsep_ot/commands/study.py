@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from satsep_ot.commands import options as types
-from satsep_ot.commands.printing import console, fail, progress
+from satsep_ot.commands.printing import RUNS_NEEDED, console, fail, progress
 from satsep_ot.studies.telling.tolerance_curves import Curves
 from satsep_ot.studies.telling.words import DEFAULT_METHODS, StudyMethod
 
@@ -16,7 +16,8 @@ EXAMPLES = (
     "  satsep-ot study\n"
     "  satsep-ot study mine.toml --output results --seed 7\n"
     "  satsep-ot study mine.toml --output results --seed 7 --resume     after an interruption\n"
-    "  satsep-ot study mine.toml --methods ActiveSubspace MonteCarlo"
+    "  satsep-ot study mine.toml --methods ActiveSubspace MonteCarlo\n"
+    "  satsep-ot study mine.toml --heavy runs --block 50                by the runs of another simulator, step by step"
 )
 # What --quick sets where it is not given.
 QUICK: dict[str, Any] = {
@@ -95,6 +96,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"probabilities and verdicts only, in some seconds: {_options_text(QUICK)}",
     )  # fmt: skip
     parser.add_argument(
+        "--heavy", type=Path, metavar="DIR",
+        help="take the probabilities from another simulator: write DIR/block-N-inputs.csv, end with 4 where "
+        "DIR/block-N-outputs.csv is not there yet, and go on when called again",
+    )  # fmt: skip
+    types.add_block(parser)
+    parser.add_argument(
         "--fail-unless-met", action="store_true",
         help="exit with 3 unless every requirement is met with 95 %% confidence",
     )  # fmt: skip
@@ -108,12 +115,16 @@ def run(options: argparse.Namespace) -> int | None:
     # A case that cannot be used is refused before the study's libraries are loaded.
     case = load_uncertain_case(options.case)
     from satsep_ot.methods.common.standard_space import StandardSpace
+    from satsep_ot.methods.reliability.run_files import RunsNeeded
     from satsep_ot.model.separation_problem import SeparationProblem
     from satsep_ot.studies.drivers import check_tolerances
     from satsep_ot.studies.separation_study import SeparationStudy
     from satsep_ot.studies.telling.tables import print_study
     from satsep_ot.studies.telling.verdicts import Status, judge_all
 
+    left_out: dict[str, Any] = {"methods": None, "tolerances": None, "groups": []}
+    if options.heavy is not None and any(getattr(options, name) != none for name, none in left_out.items()):
+        return fail("--heavy takes no --methods, --tolerances or --groups; leave them out", 2)
     sizes: dict[str, Any] = _FULL | (QUICK if options.quick else {})
     sizes |= {name: value for name in sizes if (value := getattr(options, name)) is not None}
     problem = SeparationProblem(case)
@@ -137,12 +148,16 @@ def run(options: argparse.Namespace) -> int | None:
         options.curves,
         options.groups,
     )
+    if options.heavy is not None:
+        study.setHeavyRuns(options.heavy, options.block, options.non_finite)
     if sizes["runs"] >= _WORTH_PROCESSES:
         study.setProcessNumber(options.workers or len(os.sched_getaffinity(0)))
+    # With heavy runs the same command goes on each time.
+    resumes = options.resume or (options.heavy is not None and not options.overwrite)
     with types.executor(options) as executor:
         study.setExecutor(executor, options.mixed_processors)
         # A directory that cannot be written to is refused before the work, not after it.
-        study.setDirectory(options.output, options.resume, options.overwrite, options.typed)
+        study.setDirectory(options.output, resumes, options.overwrite, options.typed)
         for path in study.getChangedFiles():
             fail(f"{path} is not as it was written; what is in it is made again", 0)
         try:
@@ -151,6 +166,9 @@ def run(options: argparse.Namespace) -> int | None:
                 study.run()
                 paths = study.save()
                 show("done", 1.0)
+        except RunsNeeded as needed:
+            columns = ", ".join(needed.columns)
+            return fail(f"{needed}, with the columns {columns}, and give the same command again", RUNS_NEEDED)
         finally:
             study.close()
     result = study.getResult()

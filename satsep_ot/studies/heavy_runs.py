@@ -14,12 +14,18 @@ import openturns as ot
 from satsep_ot.methods.common.storage import writeWhole
 from satsep_ot.methods.reliability.algorithm import ActiveSubspaceReliability
 from satsep_ot.methods.reliability.ask_tell import AskTellReliability, outsideFunction
+from satsep_ot.methods.reliability.run_files import RunFiles
 from satsep_ot.model.case import SYSTEM, Case, load_uncertain_case
 from satsep_ot.model.separation_problem import SeparationProblem
-from satsep_ot.studies.results_directory import DirectoryError
+from satsep_ot.studies.results_directory import DirectoryError, digest, file_stem
+from satsep_ot.studies.steps import Made
+from satsep_ot.studies.telling.results import Estimate
+from satsep_ot.studies.telling.words import StudyMethod
 
 _FORMAT = 1
-_QUESTION, _CASE, _STATE = "question.json", "case.toml", "state"
+_QUESTION, _CASE, _STATE, _ORIGIN = "question.json", "case.toml", "state", "separation.json"
+# Where no precision is asked for; runs at a precision of 5 % and above.
+_PRECISION, _MOST_RUNS = 0.1, 5000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,6 +87,108 @@ class HeavyQuestion:
         """Ask and tell with a state file; a new one begins with the seed."""
         ot.RandomGenerator.SetSeed(self.seed)
         return AskTellReliability(algorithm, state)
+
+
+@dataclasses.dataclass(frozen=True)
+class HeavyRuns:
+    """The heavy runs of a study, in a directory of their own.
+
+    Attributes
+    ----------
+    directory : :class:`pathlib.Path`
+        Of ``block-N-inputs.csv`` and ``block-N-outputs.csv``. Studies that differ in their requirements and settings
+        share the runs; another separation, or other distributions of its inputs, are refused.
+    block : int or None
+    policy : str
+        As in `HeavyQuestion`.
+    """
+
+    directory: Path
+    block: int | None = None
+    policy: str = "raise"
+
+    def check(self, case: Case, distribution: ot.Distribution) -> None:
+        """Bind the directory to a separation and to its inputs.
+
+        Raises
+        ------
+        DirectoryError
+            It holds the runs of others, or other files.
+        """
+        path = self.directory / _ORIGIN
+        text = json.dumps({"format": _FORMAT, "separation": digest(case.separation, distribution)}) + "\n"
+        if path.exists():
+            if path.read_text(encoding="utf-8") != text:
+                raise DirectoryError(
+                    f"{self.directory} holds the heavy runs of another separation, or of other inputs; give another "
+                    "directory"
+                )
+            return
+        if self.directory.exists() and any(self.directory.iterdir()):
+            raise DirectoryError(f"{self.directory} holds other files, and no heavy runs of a study; give another one")
+        self.directory.mkdir(parents=True, exist_ok=True)
+        _write(path, text.encode())
+
+    def estimate(
+        self, problem: SeparationProblem, requirement: str, seed: int, precision: float | None, level: float
+    ) -> Made:
+        """The probability of violating a requirement by heavy runs.
+
+        Parameters
+        ----------
+        problem : :class:`satsep_ot.model.separation_problem.SeparationProblem`
+        requirement : str
+            Its name, or "any requirement".
+        seed : int
+        precision : float or None
+            Coefficient of variation at which the runs end. None: at 0.1, or as soon as the requirement is decided.
+        level : float
+            At which the intervals of all requirements hold at once.
+
+        Raises
+        ------
+        RunsNeeded
+            Some are not there yet.
+        DirectoryError
+            A file is not as it was written, or outputs do not fit to the inputs.
+        """
+        allowed = {entry.name: entry.allowed_probability for entry in problem.getRequirements()}.get(requirement)
+        allowed = allowed if precision is None else None
+        target = _PRECISION if precision is None else precision
+        most = math.ceil(_MOST_RUNS * max(1.0, (0.05 / target) ** 2))
+        question = HeavyQuestion(requirement, seed, target, most, self.block, self.policy)
+        algorithm = question.algorithm(problem, ofAll=True, allowed=allowed)
+        # Another computation has another state, and the same runs.
+        own = digest(dataclasses.astuple(question), allowed, [str(entry) for entry in problem.getRequirements()])
+        state = self.directory / f"{file_stem(['state', requirement])}-{own[:8]}"
+        with telling_errors():
+            result = RunFiles(self.directory).advance(question.begin(algorithm, state))
+        interval = result.getConfidenceInterval(0.95)
+        variation = result.getCoefficientOfVariation()
+        estimate = Estimate(
+            requirement,
+            StudyMethod.ACTIVE_SUBSPACE,
+            result.getProbabilityEstimate(),
+            interval.getLowerBound()[0],
+            interval.getUpperBound()[0],
+            coefficient_of_variation=variation if math.isfinite(variation) else None,
+            evaluations=result.getEvaluationNumber(),
+            converged=result.getConverged(),
+            note=f"heavy runs; {result.getEndingSentence()}",
+            audits=result.getAuditNumber(),
+            audit_spread=result.getAuditSpread(),
+            upper_together=result.getConfidenceInterval(level).getUpperBound()[0],
+        )
+        names = problem.getMeasuredComponents(None)[0].getOutputDescription()
+        return Made(estimate, result.getTrueRuns(names), result)
+
+    def assumption(self) -> str:
+        """What a report says of them."""
+        return (
+            "The probabilities are those of the heavy runs. The distributions of the quantities, the active subspaces, "
+            "the most likely violations and the motion are of this package's own simulator; failures of parts, fleets, "
+            "curves and classes of tolerances are left out."
+        )
 
 
 @contextlib.contextmanager

@@ -38,6 +38,7 @@ from satsep_ot.studies.drivers import Violation
 from satsep_ot.studies.exceedance import exceedance_curves
 from satsep_ot.studies.failure_mixture import failure_mixtures
 from satsep_ot.studies.fleet import fleet_estimate
+from satsep_ot.studies.heavy_runs import HeavyRuns
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.sample import SampleSummary, run_sample, sample_inputs
 from satsep_ot.studies.screening import screened
@@ -193,6 +194,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._directory: ResultsDirectory | None = None
         self._executor: Executor | Callable[[], Executor] | None = None
         self._mixedProcessors = False
+        self._heavy: HeavyRuns | None = None
         self._sample: np.ndarray | None = None
         self._exceedances: dict[str, Exceedance] = {}
         self._summary: SampleSummary | None = None
@@ -271,6 +273,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             "methods": to_plain(self._methods),
             "versions": package_versions(),
         }
+        if self._heavy is not None:
+            identity["heavy"] = [self._heavy.block, self._heavy.policy]
         before = self._directory
         if before is not None and self._isHere(directory):
             # The lock of this study would refuse it, too.
@@ -303,6 +307,30 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """
         self._executor, self._mixedProcessors = executor, bool(mixedProcessors)
 
+    def setHeavyRuns(
+        self, directory: str | os.PathLike, blockSize: int | None = None, nonFinitePolicy: str = "raise"
+    ) -> None:
+        """Take the probabilities from a heavy simulator, whose runs are exchanged through a directory.
+
+        `run` raises a :class:`satsep_ot.methods.reliability.run_files.RunsNeeded` where it needs runs that are not
+        there yet: the exception names the file of their inputs and that in which it looks for their outputs, the
+        quantities of all requirements. Called again, also by another process, it goes on. To be set before
+        `setDirectory`. Of the methods only ActiveSubspace is left then, with this package's simulator as its cheap
+        model; no requirement is screened, no tolerance is halved or varied, and no class, failure or fleet is computed.
+
+        Parameters
+        ----------
+        directory : str or path
+            Of its own, for one separation with its inputs.
+        blockSize : int, optional
+            As for :meth:`satsep_ot.methods.reliability.algorithm.ActiveSubspaceReliability.setBlockSize`.
+        nonFinitePolicy : str
+            What a run with an output that is not finite is: "raise" (refused), "failure" or "safe".
+        """
+        self._heavy = HeavyRuns(Path(directory), blockSize, nonFinitePolicy)
+        self._methods, self._screening = [StudyMethod.ACTIVE_SUBSPACE], False
+        self._toleranceSize, self._curveRuns, self._groups = 0, Curves.NONE, []
+
     def setProcessNumber(self, number: int) -> None:
         """How many processes make estimates and figures side by side (default 1: this one).
 
@@ -329,6 +357,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
     def run(self) -> None:
         """The whole chain: sample, subspaces, methods, drivers, tolerances, most likely violations."""
         self._complete = False
+        if self._heavy is not None:
+            self._heavy.check(self._problem.getCase(), self._problem.getDistribution())
         self.computeSample()
         self.computeSubspaces()
         self.compareMethods()
@@ -336,9 +366,10 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self.computeTolerances()
         self.computeViolations()
         self.computeCurves()
-        self.computeClasses()
-        self.computeFailures()
-        self.computeFleet()
+        if self._heavy is None:
+            self.computeClasses()
+            self.computeFailures()
+            self.computeFleet()
         self._complete = True
 
     def _tell(self, label, share):
@@ -382,6 +413,20 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             self._tell(f"{label} ({done + number + 1} of {len(steps)})", share)
 
         for step, made in make_steps(self._steps, new, self._pool, report):
+            yield step, self._keepMade(step.names, made)
+
+    def _makeHeavySteps(self, steps, begin, end):
+        """The same by heavy runs, one after the other: each one uses the runs of those before it."""
+        for number, step in enumerate(steps):
+            kept = None if self._directory is None else self._directory.finished(*step.names)
+            if kept is not None:
+                value = self._step(step.names, step.kind, None)
+                yield step, Made(value, result=self._loadResult(step.names, value))
+                continue
+            self._tell(f"{step.label} by heavy runs", begin + (end - begin) * number / len(steps))
+            made = self._heavy.estimate(
+                self._problem, step.names[0], self._seed, self._target, self._steps.level_together
+            )
             yield step, self._keepMade(step.names, made)
 
     def _keepMade(self, names, made):
@@ -504,7 +549,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         steps = [
             Step(names, Estimate, "estimate", names, f"{names[0]}: {names[1]}") for names in wanted if names not in rows
         ]
-        for step, made in self._makeSteps(steps, _METHODS_BEGIN, _TOLERANCES_BEGIN):
+        makes = self._makeSteps if self._heavy is None else self._makeHeavySteps
+        for step, made in makes(steps, _METHODS_BEGIN, _TOLERANCES_BEGIN):
             rows[step.names] = made.value
             if made.result is not None:
                 self._results[step.names[0]] = made.result
@@ -765,7 +811,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             failures=dict(self._mixtures),
             fleet=dict(self._fleet),
             correlated=case.copula is not None,
-            assumptions=tuple(assumptions(case)),
+            assumptions=(*(() if self._heavy is None else (self._heavy.assumption(),)), *assumptions(case)),
             processors=() if self._summary is None else self._summary.processors,
             sunk=None if self._summary is None else self._summary.sunk,
             touched=None if self._summary is None else self._summary.touched,
