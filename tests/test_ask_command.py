@@ -1,6 +1,11 @@
 """`satsep-ot ask` and `tell`: the bits of the function through files, and one sentence for what is wrong."""
 
 import csv
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import openturns as ot
@@ -185,3 +190,25 @@ def test_a_model_in_python(tmp_path, capsys):
     # Another algorithm cannot go on with this state.
     model.write_text(MODEL.replace("2.5", "2.6"), encoding="utf-8")
     assert "with another event" in refused(["ask", str(state)], capsys)
+
+
+@pytest.mark.slow
+def test_the_loop_of_the_page_ends_with_the_probability(case, tmp_path):
+    page = (Path(__file__).parent.parent / "docs" / "two-models.md").read_text(encoding="utf-8")
+    loop = next(block for block in re.findall(r"```sh\n(.*?)```", page, re.DOTALL) if block.startswith("while"))
+    # The program of the page, and the command, in the folder of the loop.
+    (tmp_path / "my_program").write_text(
+        f"#!{sys.executable}\nimport sys\nsys.path.insert(0, {str(Path(__file__).parent)!r})\n"
+        "from test_ask_command import heavy_program\n"
+        f"heavy_program({str(case)!r}, *sys.argv[1:])\n"
+    )
+    (tmp_path / "satsep-ot").write_text(
+        f"#!{sys.executable}\nfrom satsep_ot.__main__ import main\nraise SystemExit(main())\n"
+    )
+    for name in ("my_program", "satsep-ot"):
+        (tmp_path / name).chmod(0o755)
+    where = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(Path(__file__).parent.parent)}
+    begin = "satsep-ot ask state --case small.toml --requirement rolling --block 60 --precision 0.3 > /dev/null\n"
+    done = subprocess.run(["sh", "-c", begin + loop], cwd=tmp_path, env=where, capture_output=True, text=True)
+    assert done.returncode != 2, done.stderr
+    assert re.search(r"^rolling: probability \d\.\d+e-\d+, 95 % interval", done.stdout, re.MULTILINE)
