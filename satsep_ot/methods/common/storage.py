@@ -5,6 +5,8 @@ import dataclasses
 import io
 import json
 import os
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import IO, Any
@@ -17,6 +19,8 @@ from satsep_ot.openturns_adapter import fromXML, isPython, toXML
 _ARRAY = "\x00array"
 # What a killed process leaves of a file that was not complete begins so.
 TEMPORARY = ".unfinished-"
+# Bytes of an array that tell whether it becomes smaller, and the share of their size below which it is compressed.
+_TRIED, _WORTH_COMPRESSING = 65_536, 0.9
 
 
 @contextlib.contextmanager
@@ -130,7 +134,37 @@ def writeResult(path: str | os.PathLike, kind: str, fields: dict) -> None:
         else:
             document[name] = _plain(name, value)
     arrays["document"] = np.array(json.dumps(document))
-    writeWhole(path, lambda stream: np.savez_compressed(stream, **arrays))  # type: ignore[arg-type]
+    writeWhole(path, lambda stream: writeArrays(stream, arrays))
+
+
+def writeArrays(stream: IO[bytes], arrays: dict[str, np.ndarray]) -> None:
+    """Write an .npz archive that compresses what becomes smaller: numbers at random take time and no less space.
+
+    Parameters
+    ----------
+    stream : binary stream
+    arrays : dict of str to ndarray
+
+    Examples
+    --------
+    >>> import io
+    >>> import numpy as np
+    >>> from satsep_ot.methods.common.storage import writeArrays
+    >>> stream = io.BytesIO()
+    >>> writeArrays(stream, {"zeros": np.zeros(10_000), "random": np.random.default_rng(0).random(10_000)})
+    >>> len(stream.getvalue()) < 81_000, np.load(io.BytesIO(stream.getvalue()))["zeros"].shape
+    (True, (10000,))
+    """
+    with zipfile.ZipFile(stream, "w") as archive:
+        for name, array in arrays.items():
+            content = io.BytesIO()
+            np.lib.format.write_array(content, np.asanyarray(array), allow_pickle=False)
+            beginning = content.getvalue()[:_TRIED]
+            is_smaller = len(zlib.compress(beginning, 1)) < _WORTH_COMPRESSING * len(beginning)
+            # Without a date, so that the same arrays make the same file.
+            member = zipfile.ZipInfo(f"{name}.npy")
+            member.compress_type = zipfile.ZIP_DEFLATED if is_smaller else zipfile.ZIP_STORED
+            archive.writestr(member, content.getvalue())
 
 
 def _plain(name, value):

@@ -332,9 +332,11 @@ def _marginalNormals(distribution, x):
     columns = []
     for i in range(distribution.getDimension()):
         marginal = distribution.getMarginal(i)
-        lower = np.array(marginal.computeCDF(x[:, [i]]))[:, 0]
-        upper = np.array(marginal.computeComplementaryCDF(x[:, [i]]))[:, 0]
-        lower, upper = np.maximum(lower, 1e-300), np.maximum(upper, 1e-300)
+        lower = np.maximum(np.array(marginal.computeCDF(x[:, [i]]))[:, 0], 1e-300)
+        upper = 1.0 - lower
+        high = lower > 0.49
+        if high.any():
+            upper[high] = np.maximum(np.array(marginal.computeComplementaryCDF(x[high, i][:, None]))[:, 0], 1e-300)
         columns.append(np.where(lower < upper, ndtri(lower), -ndtri(upper)))
     return np.column_stack(columns)
 
@@ -385,7 +387,7 @@ def computeProbability(
     if other.getDimension() != d:
         raise ValueError(f"the distribution has {other.getDimension()} inputs; the event has {d}")
     _checkSupport(distribution, other)
-    logRatio = np.array(other.computeLogPDF(sample.x))[:, 0] - np.array(distribution.computeLogPDF(sample.x))[:, 0]
+    logRatio = _logRatio(distribution, other, sample.x)
     ratio = np.exp(np.minimum(np.where(np.isfinite(logRatio), logRatio, -np.inf), 700.0))
     value, variance, freedom = sample.expectation(ratio)
     value = min(value, 1.0)
@@ -406,6 +408,19 @@ def computeProbability(
     variation = math.sqrt(variance) / value
     lower, upper = logNormalInterval(value, variation**2, level, freedom)
     return ReweightedProbability(value, lower, upper, variation, effective, warning)
+
+
+def _logRatio(distribution, other, x):
+    """Logarithm (n,) of one density over another; of independent inputs only those that differ count."""
+    if not (distribution.hasIndependentCopula() and other.hasIndependentCopula()):
+        return np.array(other.computeLogPDF(x))[:, 0] - np.array(distribution.computeLogPDF(x))[:, 0]
+    logRatio = np.zeros(len(x))
+    for index in range(distribution.getDimension()):
+        old, new = distribution.getMarginal(index), other.getMarginal(index)
+        if new != old:
+            column = ot.Sample(x[:, [index]])
+            logRatio += np.array(new.computeLogPDF(column))[:, 0] - np.array(old.computeLogPDF(column))[:, 0]
+    return logRatio
 
 
 def _checkSupport(distribution, other):

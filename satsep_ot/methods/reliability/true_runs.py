@@ -11,7 +11,7 @@ import numpy as np
 import openturns as ot
 from numpy.typing import ArrayLike
 
-from satsep_ot.methods.common.storage import writeWhole
+from satsep_ot.methods.common.storage import writeArrays, writeWhole
 from satsep_ot.openturns_object import OpenTURNSObject
 
 _FORMAT = "TrueRuns 1"
@@ -140,8 +140,8 @@ class TrueRuns(OpenTURNSObject):
             "outputNames": list(self.outputNames),
             "surrogateProbability": self.surrogateProbability,
         }
-        arrays = {name: getattr(self, name) for name in _ARRAYS}
-        writeWhole(path, lambda stream: np.savez_compressed(stream, document=np.array(json.dumps(document)), **arrays))
+        arrays = {name: getattr(self, name) for name in _ARRAYS} | {"document": np.array(json.dumps(document))}
+        writeWhole(path, lambda stream: writeArrays(stream, arrays))
 
     @staticmethod
     def load(path: str | os.PathLike) -> "TrueRuns":
