@@ -43,7 +43,7 @@ from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory
 from satsep_ot.studies.sample import SampleSummary, run_sample, sample_inputs
 from satsep_ot.studies.screening import screened
 from satsep_ot.studies.steps import Made, Step, StudySteps, begin_processes, make_steps
-from satsep_ot.studies.surrogates import fit_component, sample_gradients, sample_surrogates
+from satsep_ot.studies.surrogates import sample_gradients, sample_surrogates
 from satsep_ot.studies.telling.animation import animation_data
 from satsep_ot.studies.telling.class_choice import ClassChoice
 from satsep_ot.studies.telling.document import partial_document, results_document
@@ -509,11 +509,12 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         names, distribution = self._problem.getSmoothComponentNames(), self._problem.getDistribution()
         found = self._step(["gradients"], dict[str, Any], lambda: self._runGradients(names, distribution))
         points, values, gradients = (np.array(found[key]) for key in ("points", "values", "gradients"))
-        for column, name in enumerate(names):
-            done = (_METHODS_BEGIN - _SUBSPACES_BEGIN) * column / len(names)
+        fit = functools.partial(self._steps.fit_component, points=points)
+        outputs = (names, values.T, np.moveaxis(gradients, 2, 0))
+        fitted = map(fit, *outputs) if self._pool is None else self._pool.map(fit, *outputs)
+        for column, (name, component) in enumerate(zip(names, fitted, strict=True)):
+            done = (_METHODS_BEGIN - _SUBSPACES_BEGIN) * (column + 1) / len(names)
             self._tell(f"active subspace and regression of {name}", _SUBSPACES_BEGIN + done)
-            self._steps.start("subspace", name)
-            component = fit_component(distribution, points, values[:, column], gradients[:, :, column])
             if component is not None:
                 self._components[name] = component
 
@@ -547,7 +548,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         ]
         rows = {names: self._estimateBySample(names[0]) for names in wanted if names[1] in crude}
         steps = [
-            Step(names, Estimate, "estimate", names, f"{names[0]}: {names[1]}") for names in wanted if names not in rows
+            Step(names, Estimate, "estimate", names, f"{names[0]}: {names[1]}")
+            for names in sorted(wanted, key=self._expectedLength, reverse=True)
+            if names not in rows
         ]
         makes = self._makeSteps if self._heavy is None else self._makeHeavySteps
         for step, made in makes(steps, _METHODS_BEGIN, _TOLERANCES_BEGIN):
@@ -558,6 +561,15 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             if self._directory is not None:
                 self.saveRows()
         self._rows = [rows[names] for names in wanted]
+
+    def _expectedLength(self, names):
+        """What the longest steps have most of, to begin them first: components of a requirement to make surrogates of.
+
+        The end of one long step would otherwise wait for while the other processes have nothing to do.
+        """
+        requirement, method = names
+        given = None if requirement == SYSTEM else requirement
+        return len(self._problem.getSmoothComponentNames(given)) if method == StudyMethod.ACTIVE_SUBSPACE else 0
 
     def _estimateBySample(self, requirement):
         """Monte Carlo on the sample that is there already."""
@@ -692,6 +704,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
                     {row.tolerance: _half_point(row) for row in halved},
                     self._seed,
                     functools.partial(self._tellAt, begin),
+                    self._pool,
                 ),
             )
 

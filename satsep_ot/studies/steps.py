@@ -23,7 +23,8 @@ from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 from satsep_ot.studies import drivers
-from satsep_ot.studies.telling.results import Estimate, HalvedTolerance
+from satsep_ot.studies.surrogates import fit_component
+from satsep_ot.studies.telling.results import Component, Estimate, HalvedTolerance
 from satsep_ot.studies.telling.verdicts import Status, deciding_precision, judge
 from satsep_ot.studies.telling.words import StudyMethod
 
@@ -123,6 +124,13 @@ class StudySteps:
             result.getEndingSentence(),
         )
         return Made(halved, result.getTrueRuns(self._output_description(requirement)))
+
+    def fit_component(
+        self, name: str, values: np.ndarray, gradients: np.ndarray, points: np.ndarray
+    ) -> Component | None:
+        """The active subspace and regression of a smooth component; see :func:`satsep_ot.studies.surrogates`."""
+        self.start("subspace", name)
+        return fit_component(self.problem.getDistribution(), points, values, gradients)
 
     def _comparison(self, requirement: str, method: ReliabilityMethod) -> ReliabilityComparison:
         comparison = ReliabilityComparison(self.event(requirement), [method])

@@ -1,8 +1,10 @@
 """The probability of a violation against the size of each of the strongest tolerances, and what size meets a limit."""
 
+import functools
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import Case
@@ -29,6 +31,7 @@ def requirement_curves(
     halved: Mapping[str, CurvePoint] | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] = lambda label, share: None,
+    pool: Executor | None = None,
 ) -> RequirementCurves:
     """Curves of the probability of violating a requirement, and the loosest size of each tolerance that meets it.
 
@@ -51,23 +54,33 @@ def requirement_curves(
     seed : int
     progress : callable
         Called with what is being done and the share of it that is done.
+    pool : Executor, optional
+        Whose processes make new runs of several sizes side by side.
 
     Returns
     -------
     curves : RequirementCurves
     """
     by_runs = _Runs(case, requirement, seed)
-    is_met, curves = allowed is not None and now.meets(allowed), []
-    for place, name in enumerate(tolerances):
-        progress(f"{requirement}: sizes of {name}", place / len(tolerances))
-        found = [now if scale == 1.0 else _reweighted(case, result, name, scale) for scale in SCALES]
-        known = {0.5: halved[name]} if halved and name in halved else {}
-        found = [point or known.get(scale) for point, scale in zip(found, SCALES, strict=True)]
-        if makes_runs:
-            found = [point or by_runs.point([name], scale) for point, scale in zip(found, SCALES, strict=True)]
-        points = tuple(point for point in found if point is not None)
-        loosest = None if allowed is None else _loosest(points, name, allowed, by_runs if makes_runs else None)
-        curves.append(ToleranceCurve(name, points, loosest))
+    is_met = allowed is not None and now.meets(allowed)
+    found: dict[str, dict[float, CurvePoint | None]] = {}
+    for name in tolerances:
+        progress(f"{requirement}: sizes of {name}", 0.0)
+        found[name] = {scale: now if scale == 1.0 else _reweighted(case, result, name, scale) for scale in SCALES}
+        if halved and name in halved:
+            found[name][0.5] = found[name][0.5] or halved[name]
+    if makes_runs:
+        lacking = [(name, scale) for name, points in found.items() for scale in SCALES if points[scale] is None]
+        made = by_runs.points(lacking, pool)
+        for place, ((name, scale), point) in enumerate(zip(lacking, made, strict=True)):
+            found[name][scale] = point
+            progress(f"{requirement}: sizes of {name} by new runs", (place + 1) / len(lacking))
+    points = [tuple(point for point in found[name].values() if point is not None) for name in tolerances]
+    sizes: Iterable[CurvePoint | None] = itertools.repeat(None)
+    if allowed is not None:
+        find = functools.partial(_loosest, allowed=allowed, by_runs=by_runs if makes_runs else None)
+        sizes = (map if pool is None or not makes_runs else pool.map)(find, points, tolerances)
+    curves = [ToleranceCurve(*curve) for curve in zip(tolerances, points, sizes, strict=False)]
     lacks = allowed is not None and not is_met and makes_runs and not any(curve.loosest for curve in curves)
     pair = _pair(curves, allowed, by_runs) if lacks else None
     return RequirementCurves(allowed, is_met, tuple(curves), pair, lacks and len(curves) > 1)
@@ -84,8 +97,19 @@ class _Runs:
         case = self._case
         for name in names:
             case = scaled_case(case, name, scale)
-        found = quick_probability(case, self._requirement, self._seed + is_confirmation)
-        return CurvePoint(scale, found.probability, found.lower95, found.upper95, found.runs, found.converged)
+        return _point(scale, quick_probability(case, self._requirement, self._seed + is_confirmation))
+
+    def points(self, scaled, pool):
+        """The points with one tolerance scaled, of pairs of its name and the scale; in the processes of a pool."""
+        cases = [scaled_case(self._case, name, scale) for name, scale in scaled]
+        run = functools.partial(quick_probability, requirement=self._requirement, seed=self._seed)
+        made = map(run, cases) if pool is None else pool.map(run, cases)
+        yield from (_point(scale, found) for (_, scale), found in zip(scaled, made, strict=True))
+
+
+def _point(scale, found):
+    """A point of a curve from a quick probability."""
+    return CurvePoint(scale, found.probability, found.lower95, found.upper95, found.runs, found.converged)
 
 
 def _reweighted(case, result, name, scale):

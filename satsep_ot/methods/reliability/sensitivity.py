@@ -114,16 +114,17 @@ class FailureSample:
         variance, contributions = 0.0, []
         least = self.leastVariances * h**2
         observed = 0.0
-        for group, (inflation, common) in enumerate(zip(self.inflation, self.common, strict=True)):
-            rows = self.groups == group
-            size = np.count_nonzero(rows)
-            squares = (terms[rows] - terms[rows].mean()) ** 2 * size / max(size - 1, 1)
-            contributions.append(squares + least[rows])
-            if least[rows].any():
+        order = np.argsort(self.groups, kind="stable")
+        ends = np.searchsorted(self.groups, np.arange(1, len(self.inflation)), sorter=order)
+        members = zip(np.split(terms[order], ends), np.split(least[order], ends), strict=True)
+        for (own, ownLeast), inflation, common in zip(members, self.inflation, self.common, strict=True):
+            squares = (own - own.mean()) ** 2 * len(own) / max(len(own) - 1, 1)
+            contributions.append(squares + ownLeast)
+            if ownLeast.any():
                 observed += float(squares.sum())
             else:
                 variance += inflation * float(squares.sum())
-            variance += common * float(terms[rows].sum()) ** 2
+            variance += common * float(own.sum()) ** 2
         # Runs that happened to agree with the surrogate do not make it more certain than it said that it was.
         variance += max(observed, float(least.sum()))
         contributions = np.concatenate(contributions)
