@@ -63,12 +63,13 @@ def main(arguments: list[str] | None = None) -> int:
         from satsep_ot.model.case import CaseError
         from satsep_ot.model.separation_function import SeparationError
         from satsep_ot.studies.results_directory import DirectoryError
+        from satsep_ot.studies.step_processes import StepError
 
         if isinstance(error, (CaseError, DirectoryError)):
             return fail(error, 2)
         if isinstance(error, MixedProcessorsError):
             return fail(f"{error} (study --mixed-processors)", 2)
-        if isinstance(error, ChunkError):
+        if isinstance(error, (ChunkError, StepError)):
             return fail(f"{error}; {options.command.left_behind(options)}", 1)
         if isinstance(error, SeparationError):
             return fail(error, 1)

@@ -23,7 +23,6 @@ import openturns as ot
 from satsep_ot.dynamics.quantities import quantity_table
 from satsep_ot.methods.common.intervals import clopperPearson
 from satsep_ot.methods.common.storage import writeWhole
-from satsep_ot.methods.parallel.executors import processes
 from satsep_ot.methods.parallel.processor import processorDescription
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
@@ -42,14 +41,15 @@ from satsep_ot.studies.heavy_runs import HeavyRuns
 from satsep_ot.studies.results_directory import DirectoryError, ResultsDirectory, digest, file_stem, package_versions
 from satsep_ot.studies.sample import SampleSummary, run_sample, sample_inputs
 from satsep_ot.studies.screening import screened
-from satsep_ot.studies.steps import Made, Step, StudySteps, begin_processes, make_steps
+from satsep_ot.studies.step_processes import StepProcesses
+from satsep_ot.studies.steps import Made, Step, StudySteps
 from satsep_ot.studies.surrogates import sample_gradients, sample_surrogates
 from satsep_ot.studies.telling.animation import animation_data
 from satsep_ot.studies.telling.class_choice import ClassChoice
 from satsep_ot.studies.telling.document import partial_document, results_document
 from satsep_ot.studies.telling.failure_mixture import FailureMixture
 from satsep_ot.studies.telling.fleet import FleetEstimate
-from satsep_ot.studies.telling.panels import StudyRuns, drawn_result_panels, run_panels, study_panels
+from satsep_ot.studies.telling.panels import StudyRuns, drawn_result_panels, run_panels
 from satsep_ot.studies.telling.plain_data import from_plain, to_plain
 from satsep_ot.studies.telling.remarks import assumptions
 from satsep_ot.studies.telling.report import write_report
@@ -188,7 +188,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         drivers.check_tolerances(problem.getCase(), groups)
         self._groups = list(groups)
         self._steps = StudySteps(problem, self._seed, self._target, self._toleranceSize > 0)
-        self._processNumber = 1
+        self._processes = StepProcesses(1)
         self._names = [*problem.getRequirementNames(), SYSTEM]
         self._progress: Callable[[str, float], None] = _reportNothing
         self._directory: ResultsDirectory | None = None
@@ -339,18 +339,12 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """
         if int(number) != number or number < 1:
             raise ValueError(f"the number of processes is {number}; it must be a whole number of at least 1")
-        self._processNumber = int(number)
-
-    @functools.cached_property
-    def _pool(self):
-        """The processes; None for this one alone."""
-        return None if self._processNumber == 1 else processes(self._processNumber)()
+        self._processes.close()
+        self._processes = StepProcesses(int(number))
 
     def close(self) -> None:
         """Let other processes use the directory, and end those of this study."""
-        pool = vars(self).pop("_pool", None)
-        if pool is not None:
-            pool.shutdown(cancel_futures=True)
+        self._processes.close()
         if self._directory is not None:
             self._directory.close()
 
@@ -412,7 +406,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
             share = begin + (end - begin) * (done + number) / len(steps)
             self._tell(f"{label} ({done + number + 1} of {len(steps)})", share)
 
-        for step, made in make_steps(self._steps, new, self._pool, report):
+        for step, made in self._processes.make(self._steps, new, report):
             yield step, self._keepMade(step.names, made)
 
     def _makeHeavySteps(self, steps, begin, end):
@@ -485,8 +479,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         # The run of the means must separate: nothing else of a study would mean anything.
         means = self._problem.getDistribution().getMean()
         SeparationFunction(self._problem.getCase()).evaluate([means])
-        if self._pool is not None:
-            begin_processes(self._steps, self._pool, self._processNumber)
+        self._processes.begin(self._steps)
         summary = run_sample(
             self._problem,
             self._sampleSize,
@@ -901,12 +894,9 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
 
     def _drawnPanels(self, result):
         """Every figure as a picture: those from runs in this process, the others beside it where there are more."""
-        if self._pool is None:
-            yield from (panel.drawn() for panel in study_panels(result, self._drawnRuns()))
-            return
-        others = self._pool.submit(drawn_result_panels, result, self._problem.getCase().separation)
+        others = self._processes.beside(drawn_result_panels, result, self._problem.getCase().separation)
         yield from [panel.drawn() for panel in run_panels(result, self._drawnRuns())]
-        yield from others.result()
+        yield from others()
 
     def _drawnRuns(self):
         """What the figures are drawn from."""

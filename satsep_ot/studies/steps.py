@@ -2,10 +2,6 @@
 
 import dataclasses
 import math
-import pickle
-import zlib
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
 from typing import Any
 
 import numpy as np
@@ -15,11 +11,9 @@ from satsep_ot.methods.comparison.active_subspace import ActiveSubspace
 from satsep_ot.methods.comparison.comparison import ReliabilityComparison
 from satsep_ot.methods.comparison.method import ReliabilityMethod
 from satsep_ot.methods.comparison.methods import METHODS
-from satsep_ot.methods.parallel.worker import load
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.methods.reliability.true_runs import TrueRuns
 from satsep_ot.model.case import SYSTEM
-from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.model.separation_problem import SeparationProblem
 from satsep_ot.openturns_adapter import errorMessage, raiseInterrupt
 from satsep_ot.studies import drivers
@@ -227,63 +221,3 @@ class Step:
     def make(self, steps: StudySteps) -> Made:
         """What the step makes."""
         return getattr(steps, self.method)(*self.arguments)
-
-
-def make_steps(
-    study: StudySteps, steps: Sequence[Step], pool: Executor | None, report: Callable[[str, int], None]
-) -> Iterator[tuple[Step, Made]]:
-    """Make steps, one after the other or in the processes of a pool.
-
-    Parameters
-    ----------
-    study : StudySteps
-    steps : sequence of Step
-        The pool begins them in this order.
-    pool : Executor, optional
-    report : callable
-        Called with the label of what is being made and the number of steps that are done.
-
-    Returns
-    -------
-    made : iterator of (Step, Made)
-        As they are finished. A step's numbers do not depend on where it was made.
-    """
-    if pool is None:
-        for number, step in enumerate(steps):
-            report(step.label, number)
-            yield step, step.make(study)
-        return
-    payload = _payload(study)
-    futures = {pool.submit(_make, payload, step): step for step in steps}
-    waiting = list(steps)
-    try:
-        for number in range(len(steps)):
-            report(waiting[0].label, number)
-            future = next(as_completed(futures))
-            step = futures.pop(future)
-            waiting.remove(step)
-            yield step, future.result()
-    finally:
-        # After an error or an interrupt nothing more is begun.
-        for future in futures:
-            future.cancel()
-
-
-def begin_processes(study: StudySteps, pool: Executor, number: int) -> None:
-    """Let the processes of a pool load what they need, while something else is done."""
-    payload = _payload(study)
-    for _ in range(number):
-        pool.submit(_begin, payload)
-
-
-def _begin(payload):
-    study = load(payload)
-    SeparationFunction(study.problem.getCase()).evaluate([study.problem.getDistribution().getMean()])
-
-
-def _payload(study):
-    return zlib.compress(pickle.dumps(study), 1)
-
-
-def _make(payload, step):
-    return step.make(load(payload))

@@ -87,24 +87,8 @@ class DrawnPanel(NamedTuple):
     picture: bytes
 
 
-def study_panels(result: StudyResult, runs: StudyRuns) -> Iterator[Panel]:
-    """Every figure of a report, in the order of each section.
-
-    Parameters
-    ----------
-    result : StudyResult
-    runs : StudyRuns
-
-    Returns
-    -------
-    panels : iterator of Panel
-    """
-    yield from result_panels(result, runs.separation)
-    yield from run_panels(result, runs)
-
-
 def result_panels(result: StudyResult, separation: Separation) -> Iterator[Panel]:
-    """The figures that need no runs but the nominal one."""
+    """The figures that need no runs but the nominal one, in the order of each section."""
     yield from _motion_panels(separation)
     yield from _driver_panels(result)
     yield from _tightened_panels(result)
