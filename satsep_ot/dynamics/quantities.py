@@ -121,9 +121,9 @@ def _tensor(columns):
 
 def _platform_speed(values):
     share = values[:, 4] / (values[:, 3] + values[:, 4])
-    # Of absurd runs the square may overflow.
-    with np.errstate(over="ignore"):
-        return share * np.sqrt((values[:, :3] ** 2).sum(axis=1))
+    # The squares of absurd runs would overflow.
+    largest = np.maximum(np.abs(values[:, :3]).max(axis=1), np.finfo(float).tiny)
+    return share * largest * np.sqrt(((values[:, :3] / largest[:, None]) ** 2).sum(axis=1))
 
 
 def _nutation(component):

@@ -206,7 +206,9 @@ class Outcome:
     def quantity(self, name: str) -> np.ndarray:
         """The quantity of that name for every run, shape (n,), in its own unit."""
         quantity = self._table[name]
-        return quantity.value(self._fields(quantity))
+        # Runs without a result may have parameters that are no numbers.
+        with np.errstate(all="ignore"):
+            return quantity.value(self._fields(quantity))
 
     def _fields(self, quantity):
         """What a quantity depends on, columns of the base and of the parameters, shape (n, m)."""
@@ -233,7 +235,8 @@ class Outcome:
         if self.gradients is None:
             raise ValueError("the runs have no gradients; simulate_with_gradients gives them")
         quantity = self._table[name]
-        by_field = quantity.gradient(self._fields(quantity))
+        with np.errstate(all="ignore"):
+            by_field = quantity.gradient(self._fields(quantity))
         ran = [place for place, field in enumerate(quantity.fields) if field in self._columns]
         columns = [self._columns[quantity.fields[place]] for place in ran]
         gradient = np.einsum("nc,ncp->np", by_field[:, ran], self.gradients[:, columns])

@@ -477,7 +477,11 @@ def _interpolation_warnings(case):
     if not energies or not case.inputs:
         return
     _, outcome = _scattered_runs(case)
-    scatter = float(np.nanstd(outcome.quantity("axial_velocity")))
+    velocities = outcome.quantity("axial_velocity")[outcome.status == Status.OK]
+    if not velocities.size:
+        # The warning of runs that fail says so.
+        return
+    scatter = float(np.std(velocities))
     energy, velocity = push_energy(case.separation), push_velocity(case.separation)
     by_lines, by_cubics = energies[Interpolation.LINES], energies[Interpolation.MONOTONE]
     change = 0.5 * velocity * abs(by_lines - by_cubics) / abs(energy) if energy else 0.0
