@@ -67,12 +67,12 @@ from satsep_ot.dynamics.contact import Contact
 from satsep_ot.dynamics.separation import Body, Separation, Springs
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
 
-# One point at the centre of mass flies into the cone; without friction and damping it is reflected.
+# A point just below the centre of mass flies into the cone; without friction and damping it is reflected.
 heavy = 1e9 * np.ones(3)
 separation = Separation(
     Body(1e9, heavy), Body(100.0, heavy, [0.0, 0.1, 0.0]), Springs([0.0], 0.3, 5500.0, 0.04, 0.03, scale=0.0),
-    impulse=[20.0, 1.0, 5.0], envelope=[[0.0, 0.1, 0.0], [0.0, 0.1, 0.001]], recess_radius=0.3, recess_depth=0.5,
-    contact=Contact(0.3, restitution=1.0, friction=0.0, stiffness=1e9, points=0, walls=True, surface="cone"),
+    impulse=[20.0, 1.0, 5.0], envelope=[[0.0, 0.1, 0.0], [0.0, 0.099, 0.0]], recess_radius=0.3, recess_depth=0.5,
+    contact=Contact(0.3, restitution=1.0, friction=0.0, stiffness=1e7, points=0, walls=True, surface="cone"),
 )
 names = separation.parameter_names()
 k, step = names.index("recess_radius"), 1e-6
