@@ -504,7 +504,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         points, values, gradients = (np.array(found[key]) for key in ("points", "values", "gradients"))
         fit = functools.partial(self._steps.fit_component, points=points)
         outputs = (names, values.T, np.moveaxis(gradients, 2, 0))
-        fitted = map(fit, *outputs) if self._pool is None else self._pool.map(fit, *outputs)
+        fitted = self._processes.map(fit, *outputs)
         for column, (name, component) in enumerate(zip(names, fitted, strict=True)):
             done = (_METHODS_BEGIN - _SUBSPACES_BEGIN) * (column + 1) / len(names)
             self._tell(f"active subspace and regression of {name}", _SUBSPACES_BEGIN + done)
@@ -697,7 +697,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
                     {row.tolerance: _half_point(row) for row in halved},
                     self._seed,
                     functools.partial(self._tellAt, begin),
-                    self._pool,
+                    self._processes.map,
                 ),
             )
 

@@ -4,7 +4,6 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Executor
 
 from satsep_ot.methods.reliability.result import ActiveSubspaceReliabilityResult
 from satsep_ot.model.case import Case
@@ -31,7 +30,7 @@ def requirement_curves(
     halved: Mapping[str, CurvePoint] | None = None,
     seed: int = 0,
     progress: Callable[[str, float], None] = lambda label, share: None,
-    pool: Executor | None = None,
+    spread: Callable[..., Iterable] = map,
 ) -> RequirementCurves:
     """Curves of the probability of violating a requirement, and the loosest size of each tolerance that meets it.
 
@@ -54,8 +53,8 @@ def requirement_curves(
     seed : int
     progress : callable
         Called with what is being done and the share of it that is done.
-    pool : Executor, optional
-        Whose processes make new runs of several sizes side by side.
+    spread : callable
+        As the built-in ``map``; it may make new runs of several sizes side by side.
 
     Returns
     -------
@@ -71,7 +70,7 @@ def requirement_curves(
             found[name][0.5] = found[name][0.5] or halved[name]
     if makes_runs:
         lacking = [(name, scale) for name, points in found.items() for scale in SCALES if points[scale] is None]
-        made = by_runs.points(lacking, pool)
+        made = by_runs.points(lacking, spread)
         for place, ((name, scale), point) in enumerate(zip(lacking, made, strict=True)):
             found[name][scale] = point
             progress(f"{requirement}: sizes of {name} by new runs", (place + 1) / len(lacking))
@@ -79,7 +78,7 @@ def requirement_curves(
     sizes: Iterable[CurvePoint | None] = itertools.repeat(None)
     if allowed is not None:
         find = functools.partial(_loosest, allowed=allowed, by_runs=by_runs if makes_runs else None)
-        sizes = (map if pool is None or not makes_runs else pool.map)(find, points, tolerances)
+        sizes = (spread if makes_runs else map)(find, points, tolerances)
     curves = [ToleranceCurve(*curve) for curve in zip(tolerances, points, sizes, strict=False)]
     lacks = allowed is not None and not is_met and makes_runs and not any(curve.loosest for curve in curves)
     pair = _pair(curves, allowed, by_runs) if lacks else None
@@ -99,11 +98,11 @@ class _Runs:
             case = scaled_case(case, name, scale)
         return _point(scale, quick_probability(case, self._requirement, self._seed + is_confirmation))
 
-    def points(self, scaled, pool):
-        """The points with one tolerance scaled, of pairs of its name and the scale; in the processes of a pool."""
+    def points(self, scaled, spread):
+        """The points with one tolerance scaled, of pairs of its name and the scale."""
         cases = [scaled_case(self._case, name, scale) for name, scale in scaled]
         run = functools.partial(quick_probability, requirement=self._requirement, seed=self._seed)
-        made = map(run, cases) if pool is None else pool.map(run, cases)
+        made = spread(run, cases)
         yield from (_point(scale, found) for (_, scale), found in zip(scaled, made, strict=True))
 
 

@@ -126,6 +126,25 @@ class ActiveSubspaceReliability(OpenTURNSObject):
         settings.function, settings.composition = function, composition
         settings.smoothIndices, settings.surrogateComposition = smoothIndices, surrogateComposition
 
+    def setLowFidelity(self, function: ot.Function | None) -> None:
+        """Give a cheap model of the same outputs, so that fewer runs of the function are needed (default None).
+
+        Each modelled output is a learnt factor times the cheap one plus a discrepancy, where this predicts the runs
+        better; elsewhere the cheap model has no part. The estimate is corrected by runs of the function as always, so
+        that a wrong cheap model costs runs and no truth.
+
+        Parameters
+        ----------
+        function : :py:class:`openturns.Function` or None
+            With the inputs and outputs of the event's function or, where there are components, of their function. It
+            is evaluated some ten thousand times for each estimate and some thousand times for each block of runs.
+        """
+        self._settings.lowFidelity = function
+
+    def getLowFidelity(self) -> ot.Function | None:
+        """Accessor to the cheap model."""
+        return self._settings.lowFidelity
+
     def setTargetCoefficientOfVariation(self, value: float) -> None:
         """Stop at this coefficient of variation of the estimate (default 0.05)."""
         if not _SMALLEST_TARGET <= value <= _LARGEST_TARGET:
@@ -304,12 +323,17 @@ class ActiveSubspaceReliability(OpenTURNSObject):
         if settings.knownRuns is not None:
             raise ValueError("known runs cannot be given where inputs have atoms")
         algorithm = ActiveSubspaceReliability(event)
-        function, file = settings.function, settings.checkpointFile
-        if function is not None and fixed:
-            function = ot.ParametricFunction(function, list(fixed), list(fixed.values()))
+        file = settings.checkpointFile
+        functions = [settings.function, settings.lowFidelity]
+        if fixed:
+            functions = [
+                None if one is None else ot.ParametricFunction(one, list(fixed), list(fixed.values()))
+                for one in functions
+            ]
         algorithm._settings = dataclasses.replace(
             settings,
-            function=function,
+            function=functions[0],
+            lowFidelity=functions[1],
             maximumEvaluations=maximumEvaluations,
             checkpointFile=None if file is None else file.with_name(f"{file.name}.{number + 1}"),
         )

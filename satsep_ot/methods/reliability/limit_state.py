@@ -1,5 +1,6 @@
 """An OpenTURNS event seen from the standard normal space: true runs, their failures, a limit state of components."""
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
@@ -268,6 +269,26 @@ class LimitStateEvent:
         self._checkValue = lambda x: limit.margin(self._logged("event", limit.function, x))
         self._margin = lambda values: limit.margin(callFunction(composition, values))
         self._surrogateMargin = lambda values: limit.margin(callFunction(reduced, values))
+
+    def withFunction(self, function: ot.Function) -> "LimitStateEvent":
+        """The same limit state of another function with the same inputs and outputs, with runs of its own.
+
+        Raises
+        ------
+        ValueError
+            It has other numbers of inputs or outputs.
+        """
+        given, needed = ((one.getInputDimension(), one.getOutputDimension()) for one in (function, self.function))
+        if given != needed:
+            raise ValueError(
+                f"the low-fidelity function has {given[0]} inputs and {given[1]} outputs; it must have {needed[0]} and "
+                f"{needed[1]}, as the function of the event or of its components"
+            )
+        other = copy.copy(self)
+        other.function, other.hasExactGradient = function, hasGradient(function)
+        other.nonFinitePolicy, other.nonFiniteNumber, other.unknownNumber = "raise", 0, 0
+        other._log, other._asks, other._checkValue = RunLog(), False, None
+        return other
 
     def surrogateMargin(self, values: np.ndarray) -> np.ndarray:
         """Limit state (n,), at most 0 in failure, of the modelled outputs (n, p).

@@ -7,6 +7,7 @@ Reliability Engineering and System Safety 191, 2019); it costs cheap score evalu
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.special import log_ndtr
@@ -184,13 +185,19 @@ def fitGaussianMixture(
     return mixture
 
 
+def _fitDefended(points, generator):
+    return fitGaussianMixture(points, generator).withDefence()
+
+
 def fitImportantRegion(
     limitState: Callable,
     dimension: int,
     generator: np.random.Generator,
     maximumLevels: int = 15,
     size: int = _LEARNING_POINTS,
-) -> GaussianMixture | None:
+    start: GaussianMixture | ModeMixture | None = None,
+    fit: Callable = _fitDefended,
+) -> Any:
     """A mixture that covers the region where a cheap function says failure, weighted by the standard normal density.
 
     Parameters
@@ -204,13 +211,19 @@ def fitImportantRegion(
         Largest number of intermediate distributions.
     size : int
         Points of each of them.
+    start : GaussianMixture or ModeMixture, optional
+        The first distribution; by default the standard normal.
+    fit : callable
+        Fits a mixture to points (n, k), given them and the generator.
 
     Returns
     -------
-    mixture : GaussianMixture or None
+    mixture : GaussianMixture, or what `fit` gives, or None
         None when no failure region of any probability was reached.
     """
-    mixture = GaussianMixture(np.ones(1), np.zeros((1, dimension)), np.eye(dimension)[None])
+    mixture: Any = start
+    if mixture is None:
+        mixture = GaussianMixture(np.ones(1), np.zeros((1, dimension)), np.eye(dimension)[None])
     smoothing = math.inf
     last = False
     for level in range(maximumLevels):
@@ -228,7 +241,7 @@ def fitImportantRegion(
         if weight.sum() ** 2 / (weight**2).sum() < 4.0 * (dimension + 2):
             return None
         chosen = generator.choice(len(y), size=_FITTING_POINTS, p=weight / weight.sum())
-        mixture = fitGaussianMixture(y[chosen], generator).withDefence()
+        mixture = fit(y[chosen], generator)
         if closing:
             break
     return mixture

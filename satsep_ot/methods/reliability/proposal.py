@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from satsep_ot.methods.reliability.audits import auditSpread
+from satsep_ot.methods.reliability.low_fidelity import fitFailures
 from satsep_ot.methods.reliability.mixture import (
     GaussianMixture,
     ModeMixture,
@@ -168,7 +169,10 @@ def propose(
     k = surrogate.dimension()
     if k == 0:
         return None
-    mixture = _followed(surrogate, generator, previous)
+    if surrogate.knownFailures is None:
+        mixture = _followed(surrogate, generator, previous)
+    else:
+        mixture = _sought(surrogate, generator, previous)
     if mixture is None and k > _SINGLE_SPACE and not surrogate.radial:
         mixture = fitModes(surrogate, generator)
     if mixture is None:
@@ -204,6 +208,23 @@ def propose(
     # Where the labels are nearly certain, runs confirm failures; elsewhere they learn the limit.
     doubt = min(math.sqrt(learning.runVariance() / LEARNING_RUNS) / (probability * target), 1.0)
     return proposal(doubt * LEARNING + (1.0 - doubt) * CONFIRMING)
+
+
+def _sought(surrogate, generator, previous):
+    """The mixture that a search finds from known failures, or from those of an earlier proposal of all inputs."""
+    failures = surrogate.knownFailures
+    if previous is not None and previous.surrogate.knownFailures is not None:
+        failures, _ = previous.drawFailures(len(failures), generator)
+    start = fitFailures(failures, generator)
+    found = fitImportantRegion(
+        lambda y: surrogate.limitState(y, exact=False),
+        start.bases[0].shape[1],
+        generator,
+        size=surrogate.searchPoints,
+        start=start,
+        fit=fitFailures,
+    )
+    return found or start
 
 
 def _followed(surrogate, generator, previous):

@@ -1,5 +1,6 @@
 """One run of `ActiveSubspaceReliability`: its phases, and how it ends."""
 
+import copy
 import dataclasses
 import math
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from satsep_ot.methods.common.run_log import CheckpointFile, fingerprintOf
 from satsep_ot.methods.reliability.audits import WideDesign
 from satsep_ot.methods.reliability.estimate import Block, CrudeEstimate, Estimate
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
+from satsep_ot.methods.reliability.low_fidelity import LowFidelity
 from satsep_ot.methods.reliability.mode_sampling import ModeSampling
 from satsep_ot.methods.reliability.outcome import Deferred, Ending, ReliabilityOutcome
 from satsep_ot.methods.reliability.proposal import NOMINAL_SHARE
@@ -38,6 +40,10 @@ _VERDICT_ERROR = 0.05
 # block so many are known and still more come.
 _HOPELESS_RUNS, _HOPELESS_VARIATION, _TOO_MANY_MODES = 0.4, 0.8, 15
 _SUBSET_RUNS = 7 * 20
+# First runs where a cheap model may save those that a surrogate of many inputs needs; target and largest number of
+# runs of the cheap model alone.
+_FIRST_RUNS_OF_TWO_MODELS = 12
+_TARGET_OF_CHEAP, _RUNS_OF_CHEAP = 0.1, 10_000
 
 
 class ReliabilityRun:
@@ -47,11 +53,14 @@ class ReliabilityRun:
     ----------
     event : :py:class:`openturns.ThresholdEvent`, UnionEvent, IntersectionEvent or DomainEvent
     settings : ReliabilitySettings
+    limitState : LimitStateEvent, optional
+        By default that of event and settings.
 
     Raises
     ------
     ValueError
-        The checkpoint file is damaged, or that of another computation or model.
+        The checkpoint file is damaged, or that of another computation or model; the low-fidelity function has other
+        inputs or outputs.
 
     Attributes
     ----------
@@ -66,10 +75,10 @@ class ReliabilityRun:
         After each block: number of runs, estimate, lower and upper bound at 95 %.
     """
 
-    def __init__(self, event: Any, settings: ReliabilitySettings) -> None:
+    def __init__(self, event: Any, settings: ReliabilitySettings, limitState: LimitStateEvent | None = None) -> None:
         self.event = event
         self.settings = settings
-        self.limitState = LimitStateEvent(
+        self.limitState = limitState or LimitStateEvent(
             event,
             settings.function,
             settings.composition,
@@ -87,7 +96,10 @@ class ReliabilityRun:
         self.generator = np.random.default_rng(ot.RandomGenerator.IntegerGenerate(2**31 - 1))
         self.recorder = RunRecorder(self.limitState, settings, self.generator)
         self._wideDesign = WideDesign(self.limitState.dimension, self.generator)
-        self.initialSize = max(12, int(1.5 * self.limitState.dimension + 8))
+        self.initialSize = self._fullInitialSize = max(12, int(1.5 * self.limitState.dimension + 8))
+        self._lowFidelity = None
+        if settings.lowFidelity is not None:
+            self._lowFidelity = LowFidelity(self.limitState, settings.lowFidelity)
         self.surrogateSampling: SurrogateSampling | None = None
         self.modeSampling: ModeSampling | None = None
         self.history: list[tuple[float, float, float, float]] = []
@@ -126,7 +138,12 @@ class ReliabilityRun:
         recorder, limitState = self.recorder, self.limitState
         if self.settings.knownRuns is not None:
             self._knownWeights = recorder.takeKnown(*self.settings.knownRuns)
+        if self._lowFidelity is not None:
+            self._runLowFidelity(self._lowFidelity)
         wide = self.initialSize // 2 if limitState.dimension <= FEW_INPUTS else 0
+        if wide == 0 and self._lowFidelity is not None:
+            # The others are made where the cheap model does not help.
+            self.initialSize = _FIRST_RUNS_OF_TWO_MODELS
         first = recorder.evaluateNominal(self.initialSize - wide, "learning")
         recorder.checkComposition(first)
         if first.failed.mean() > _COMPLEMENT_SHARE:
@@ -145,6 +162,20 @@ class ReliabilityRun:
                 return self._conclude(ending)
         return self._sampleModes(constant=np.ptp(margins) == 0.0)
 
+    def _runLowFidelity(self, lowFidelity):
+        """The probability by the cheap model alone, for where it fails."""
+        limitState = copy.copy(lowFidelity.limitState)
+        settings = ReliabilitySettings(
+            targetCoefficientOfVariation=_TARGET_OF_CHEAP, maximumEvaluations=_RUNS_OF_CHEAP, nonFinitePolicy="safe"
+        )
+        limitState.nonFinitePolicy = settings.nonFinitePolicy
+        try:
+            outcome = ReliabilityRun(self.event, settings, limitState).compute()
+        except RuntimeError as error:
+            raise RuntimeError(f"the low-fidelity function: {error}") from error
+        if not limitState.complement:
+            lowFidelity.learnFailures(outcome, self.generator)
+
     def _sampleBySurrogate(self) -> Ending | None:
         """How the run ended in its first phase; None where the second one has to follow."""
         settings, recorder = self.settings, self.recorder
@@ -156,6 +187,8 @@ class ReliabilityRun:
             settings.targetCoefficientOfVariation,
             settings.maximumEvaluations,
             self._audits(0),
+            self._lowFidelity,
+            self._fullInitialSize,
         )
         while True:
             if recorder.remaining() < 2:
@@ -393,7 +426,8 @@ class ReliabilityRun:
             "surrogateProbability": surrogateProbability,
             "phases": dict(self.recorder.phases),
             "diagnostics": diagnostics
-            | {"not finite": float(limitState.nonFiniteNumber), "no value": float(limitState.unknownNumber)},
+            | {"not finite": float(limitState.nonFiniteNumber), "no value": float(limitState.unknownNumber)}
+            | ({} if self._lowFidelity is None else {"low-fidelity runs": float(self._lowFidelity.evaluations)}),
             "gradients": sum(searches),
             "ending": ending,
             "reason": "; ".join([sentence, *remarks]),

@@ -21,6 +21,7 @@ class ReliabilitySettings:
     composition: ot.Function | None = None
     smoothIndices: Sequence[int] | None = None
     surrogateComposition: ot.Function | None = None
+    lowFidelity: ot.Function | None = None
     targetCoefficientOfVariation: float = 0.05
     maximumEvaluations: int = 5000
     allowedProbability: float | None = None

@@ -208,9 +208,12 @@ class LimitStateSurrogate:
     ----------
     searchPoints, largestPoolFactor : int, float
         Points of each step of a search for the failure region, and by how much the pool of points may grow.
+    knownFailures : array (n, d) or None
+        Where failures are expected before a search.
     """
 
     searchPoints, largestPoolFactor = 8000, 20.0
+    knownFailures: np.ndarray | None = None
 
     def __init__(
         self,
@@ -225,6 +228,8 @@ class LimitStateSurrogate:
     ) -> None:
         self._training = u, values, weights
         self._limit = self.margin = margin
+        # Of a single component the limit state itself is fitted where a link may be learnt.
+        self._single = values.shape[1] == 1
         self.inputs = u.shape[1]
         self.link: Link | None = None
         self.components: list[RidgeFit | ProcessFit] = []
@@ -235,7 +240,7 @@ class LimitStateSurrogate:
                 self.components.append(self._choose(column, old, maximumDimension, maximumDegree))
             else:
                 self.components.append(old.refit(u, self._processed(column, old), weights))
-        if values.shape[1] == 1 and isinstance(self.components[0], ProcessFit):
+        if self._single and isinstance(self.components[0], ProcessFit):
             self.link = self.components[0].link
             self.margin = _first
         self.directions = _union([fit.directions for fit in self.components], self.inputs)
@@ -256,17 +261,17 @@ class LimitStateSurrogate:
     def _processed(self, column, fit=None):
         """What a Gaussian process of a component is fitted to: of a single one the limit state itself."""
         _, values, _ = self._training
-        return self._limit(values) if values.shape[1] == 1 and not isinstance(fit, RidgeFit) else column
+        return self._limit(values) if self._single and not isinstance(fit, RidgeFit) else column
 
     def _choose(self, column, old, maximumDimension, maximumDegree):
         """The polynomial ridge or, of few inputs, the Gaussian process that predicts best."""
-        u, values, weights = self._training
+        u, _, weights = self._training
         ridge = old if isinstance(old, RidgeFit) else None
         best = _selectModel(u, column, weights, ridge, maximumDimension, maximumDegree)
         if self.inputs > FEW_INPUTS or best.error <= _smallestError(column):
             return best
         processed = self._processed(column)
-        process = self._chooseProcess(processed, old, single=values.shape[1] == 1)
+        process = self._chooseProcess(processed, old, self._single)
         better = self._score(process, processed) > self._score(best, column) + _LEAST_GAIN
         return process if better else best
 

@@ -16,6 +16,7 @@ from satsep_ot.methods.reliability.calibration import Calibration
 from satsep_ot.methods.reliability.estimate import Block, Estimate
 from satsep_ot.methods.reliability.limit_search import DistantPlanes, LimitSearch
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent, Runs
+from satsep_ot.methods.reliability.low_fidelity import CorrectedSurrogate, LowFidelity
 from satsep_ot.methods.reliability.proposal import Proposal, propose
 from satsep_ot.methods.reliability.recorder import KNOWN, KNOWN_DRAWN, RunRecorder
 from satsep_ot.methods.reliability.surrogate import FEW_INPUTS, LimitStateSurrogate
@@ -34,6 +35,10 @@ _DEAR_RUNS, _IDLE_BLOCKS, _PATIENCE = 2500, 4, 200
 _FRUITLESS_RUNS = 40
 # Standard deviations within which surrogate and estimate agree, and beyond which they contradict each other.
 _AGREEMENT, _CONTRADICTION = 3.0, 5.0
+# Gain of a cheap model, in the mean log density of predictions, with which few first runs do.
+_LARGE_GAIN = 1.9
+# Gain with which it is kept, and with which it is taken up later.
+_SAME_GAIN, _OTHER_GAIN = 0.1, 0.3
 # Shares of wide runs while audits are missing, and after.
 _AUDIT_SHARE, _LATER_AUDIT_SHARE = 0.4, 0.15
 
@@ -65,6 +70,9 @@ class SurrogateSampling:
     maximumEvaluations : int
     audits : int
         Wide runs without which no estimate has converged.
+    lowFidelity : LowFidelity, optional
+    initialSize : int
+        First runs of a surrogate that no cheap model helps.
 
     Attributes
     ----------
@@ -88,7 +96,11 @@ class SurrogateSampling:
         target: float,
         maximumEvaluations: int,
         audits: int,
+        lowFidelity: LowFidelity | None = None,
+        initialSize: int = 0,
     ) -> None:
+        self._lowFidelity, self._initialSize = lowFidelity, initialSize
+        self._cheap: np.ndarray | None = None
         self.search = LimitSearch(recorder, limitState, generator)
         self._recorder, self._limitState, self._generator = recorder, limitState, generator
         self._wideDesign = wideDesign
@@ -189,15 +201,43 @@ class SurrogateSampling:
         reselect = self._recorder.used() >= (1.0 + _RESELECTION) * self._selectedAt
         if reselect:
             self._selectedAt = self._recorder.used()
-        self.surrogate = LimitStateSurrogate(
+        data = (
             runs.u[rows],
             self._limitState.smooth(runs.outputs[rows]),
             self._limitState.surrogateMargin,
             1.0 / (1.0 + (margins / self._weightWidth) ** 2),
-            self.surrogate,
-            reselect=reselect,
         )
+        found = None
+        if reselect or isinstance(self.surrogate, CorrectedSurrogate):
+            found = self._fitCorrected(data, runs.u, rows, reselect)
+        if found is None:
+            missing = min(self._initialSize - self._recorder.used(), self._left() - 1)
+            if missing > 0:
+                self._recorder.evaluateNominal(missing, "learning")
+                self._selectedAt = 0
+                self._fit()
+                return
+            plain = None if isinstance(self.surrogate, CorrectedSurrogate) else self.surrogate
+            found = LimitStateSurrogate(*data, plain, reselect=reselect)
+        if self.surrogate is not None and type(self.surrogate) is not type(found):
+            # Few large corrections of a poor model beside the small ones of a good one would make a heavy tail.
+            self.blocks.clear()
+        self.surrogate = found
         self.surrogate.calibration *= self.calibration.factors()
+
+    def _fitCorrected(self, data, u, rows, reselect):
+        """The surrogate from the cheap model; None where there is none, or it does not help."""
+        if self._lowFidelity is None or self._limitState.complement or len(self._lowFidelity.failures) == 0:
+            return None
+        known = 0 if self._cheap is None else len(self._cheap)
+        values = self._lowFidelity.values(u[known:])
+        self._cheap = values if self._cheap is None else np.vstack([self._cheap, values])
+        previous = self.surrogate if isinstance(self.surrogate, CorrectedSurrogate) else None
+        found = CorrectedSurrogate(*data, self._lowFidelity, self._cheap[rows], previous, reselect)
+        least = _OTHER_GAIN if previous is None else _SAME_GAIN
+        if self._recorder.used() < self._initialSize:
+            least = _LARGE_GAIN
+        return found if found.gain() > least else None
 
     def _keepErrors(self, runs, calibration):
         rows = runs.finite
@@ -251,7 +291,10 @@ class SurrogateSampling:
             share = 0.1
         wide = min(max(round(size * share + self._generator.random() - 0.5), 1), max(size - 2, 0))
         u, chosen, weights = proposal.draw(size - wide, self._generator)
-        start, known = len(self._recorder), self._recorder.used()
+        start = len(self._recorder)
+        # What a cheap model tells is worth the first runs that it saves.
+        saved = self._initialSize if isinstance(self.surrogate, CorrectedSurrogate) else 0
+        known = self._recorder.used() + saved
         calibration = self.calibration.factors()
         runs = self._recorder.evaluate(u, "estimation")
         runs = dataclasses.replace(runs, weights=weights, expected=proposal.failure[chosen])
