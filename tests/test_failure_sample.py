@@ -204,6 +204,21 @@ def test_probability_under_changed_tolerances():
     assert same.upper == pytest.approx(result.getConfidenceInterval().getUpperBound()[0], rel=0.01)
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.4])
+def test_new_weights_are_the_ratio_of_the_joint_densities(correlation):
+    matrix = ot.CorrelationMatrix(3)
+    matrix[0, 1] = correlation
+    copula = ot.NormalCopula(matrix) if correlation else ot.IndependentCopula(3)
+    marginals = [ot.Normal(), ot.Uniform(-1.0, 1.0), ot.Exponential(2.0)]
+    first = ot.JointDistribution(marginals, copula)
+    other = ot.JointDistribution([ot.Normal(0.1, 0.9), *marginals[1:]], copula)
+    x = np.array(first.getSample(4000))
+    failed = x.sum(axis=1) > 0.5
+    ratio = np.array(other.computePDF(x))[:, 0] / np.array(first.computePDF(x))[:, 0]
+    answer = computeProbability(FailureSample.ofMonteCarlo(x, failed), first, other, 0.95)
+    assert answer.probability == pytest.approx((failed * ratio).mean(), rel=1e-12)
+
+
 def test_weights_that_no_longer_carry_the_answer_are_named():
     result = solve("0.8 * x0 + 0.6 * x1", ot.Normal(2), 3.0)
     answer = result.computeProbability(ot.Normal([-6.0, 5.0], [0.2, 0.2], ot.CorrelationMatrix(2)))
