@@ -68,6 +68,7 @@ def test_processes_change_no_number(tmp_path, study):
     paths = other.save()
     other.close()
     assert timeless(other) == timeless(study)
+    assert list(other.getResult().diagnostics) == list(study.getResult().diagnostics) == ["rolling", "any requirement"]
     # The pictures, too, are the same.
     alone = study.save(tmp_path.parent / "alone")
     pictures = {path.name: path.read_bytes() for path in paths if path.suffix == ".svg"}

@@ -10,6 +10,7 @@ from small_cases import MASS_AND_RATE, ROLLING, SMALL
 
 from satsep_ot import cli
 from satsep_ot.methods.parallel.scheduler import ChunkScheduler
+from satsep_ot.studies.separation_study import SeparationStudy
 
 CASE = SMALL + MASS_AND_RATE + ROLLING
 
@@ -124,3 +125,14 @@ def test_workers_of_another_kind_are_refused_or_stated_in_the_report(tmp_path, c
     assert "made by processors or versions of 2 kinds" in page
     origin = json.loads((tmp_path / "accepted" / "origin.json").read_text(encoding="utf-8"))
     assert "numpy" in origin["about"]["processor"]
+
+
+def test_the_answer_does_not_wait_for_the_pictures(tmp_path, monkeypatch, capsys):
+    def save(self):
+        raise OSError("no space for the pictures")
+
+    monkeypatch.setattr(SeparationStudy, "save", save)
+    assert study(tmp_path, "full") == 2
+    shown = capsys.readouterr()
+    assert "Any requirement violated" in shown.out
+    assert "no space for the pictures" in shown.err

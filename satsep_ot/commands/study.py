@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -164,6 +165,13 @@ def run(options: argparse.Namespace) -> int | None:
             with progress() as show:
                 study.setProgressCallback(show)
                 study.run()
+            result = study.getResult()
+            if not options.json:
+                # The answer does not wait for the pictures.
+                print_study(console(), result)
+                sys.stdout.flush()
+            with progress() as show:
+                study.setProgressCallback(show)
                 paths = study.save()
                 show("done", 1.0)
         except RunsNeeded as needed:
@@ -171,11 +179,9 @@ def run(options: argparse.Namespace) -> int | None:
             return fail(f"{needed}, with the columns {columns}, and give the same command again", RUNS_NEEDED)
         finally:
             study.close()
-    result = study.getResult()
     if options.json:
         print((options.output / "results.json").read_text(encoding="utf-8"), end="")
     else:
-        print_study(console(), result)
         # Not through the console, which would fold a long path.
         print(f"\nwritten to {paths[-1].parent}: open {paths[-1]} in a browser")
     if options.fail_unless_met and any(verdict.status is not Status.MET for verdict in judge_all(result)):

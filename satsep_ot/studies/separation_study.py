@@ -207,6 +207,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         self._rows: list[Estimate] = []
         self._screened: dict[str, str] = {}
         self._results: dict[str, ActiveSubspaceReliabilityResult] = {}
+        self._importances: dict[str, dict[str, float]] = {}
         self._shares: dict[str, tuple[DriverMeasure, dict[str, float]]] = {}
         self._ratios: dict[str, dict[str, float]] = {}
         self._halved: dict[str, tuple[HalvedTolerance, ...]] = {}
@@ -549,11 +550,17 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         for step, made in makes(steps, _METHODS_BEGIN, _TOLERANCES_BEGIN):
             rows[step.names] = made.value
             if made.result is not None:
-                self._results[step.names[0]] = made.result
+                requirement = step.names[0]
+                self._results[requirement] = made.result
+                if requirement != SYSTEM:
+                    # While the other processes go on.
+                    self._importances[requirement] = drivers.importance_shares(self._problem.getCase(), made.result)
             self._rows = [rows[names] for names in wanted if names in rows]
             if self._directory is not None:
                 self.saveRows()
         self._rows = [rows[names] for names in wanted]
+        # Not in the order in which they ended.
+        self._results = {name: self._results[name] for name in self._names if name in self._results}
 
     def _expectedLength(self, names):
         """What the longest steps have most of, to begin them first: components of a requirement to make surrogates of.
@@ -596,8 +603,7 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         """
         case = self._problem.getCase()
         for requirement in self._openRequirements():
-            result = self._results.get(requirement)
-            shares = {} if result is None else drivers.importance_shares(case, result)
+            shares = self._importances.get(requirement, {})
             measure = DriverMeasure.VIOLATIONS
             if not shares:
                 names = self._problem.getSmoothComponentNames(requirement)
