@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from numba import njit
 from separation_cases import TRUTH_CASES, general_separation, mixed_springs, symmetric_separation, truth_separation
 
 from satsep_ot.dynamics.kernels import compilation
@@ -92,6 +93,23 @@ def test_without_a_cache_this_process_compiles_and_says_so(monkeypatch):
     monkeypatch.setattr(subprocess, "Popen", None)
     compilation.prepare({names["double"]: (1.0,)})
     assert names["double"](2.0) == 4.0
+
+
+def test_only_what_python_calls_becomes_machine_code():
+    @compilation.inline
+    def double(x):
+        return 2.0 * x
+
+    @compilation.kernel
+    def next_double(x):
+        return double(x) + 1.0
+
+    function = njit(**compilation.OPTIONS)(lambda x: next_double(x) * double(x))
+    assert function(3.0) == 42.0
+    for compiled, has_code in ((function, True), (next_double, False), (double.compiled, False)):
+        (made,) = compiled.overloads.values()
+        engine = made.library.codegen._engine
+        assert bool(engine.is_symbol_defined(made.fndesc.llvm_func_name)) == has_code
 
 
 def test_the_digest_changes_with_any_source_below_the_folder(tmp_path):
