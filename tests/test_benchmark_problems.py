@@ -100,6 +100,15 @@ def test_limit_state_functions_have_the_values_found_by_hand(name):
     np.testing.assert_allclose(PROBLEMS[name].evaluate(np.array(points)), values, rtol=1e-9, atol=1e-9)
 
 
+def test_the_first_component_of_rp91_by_hand():
+    """It decides nowhere, so that the event does not show it."""
+    function, _ = PROBLEMS["RP91"].getComponents()
+    points = [[1.0, 0.0, 0.0, 378.0, 1.0], [1.0, 1.0, 0.0, 378.0, 1.0], [1.0, 0.0, 10.0, 378.0, 1.0]]
+    first = np.array(function(points))[:, 0]
+    expected = 0.847 + 6.784 * 378.0 + np.array([0.0, 0.96 + 0.077 - 0.106 * 378.0, 9.86 + 11.0 - 1.1 * 378.0])
+    np.testing.assert_allclose(first, expected, rtol=1e-12)
+
+
 def test_duffing_oscillator_is_its_equation_of_motion():
     """scipy's solver from 0 to 1.996 s; explicit Euler errs in the first order of its step."""
     rng = np.random.default_rng(1)

@@ -95,6 +95,12 @@ def test_every_call_is_counted_and_the_answer_is_right(method, gradient):
         assert (row.lower95, row.upper95, row.coefficient_of_variation) == (None, None, None)
 
 
+def test_the_last_block_of_monte_carlo_ends_at_the_size():
+    recorder = Recorder()
+    row = run(recorder.event, [c.MonteCarlo(size=2500, blockSize=1000)]).getRows()[0]
+    assert row.evaluations == recorder.points[0] == 2500
+
+
 def test_lines_find_a_limit_state_at_a_whole_distance():
     # OpenTURNS' root search steps by 1 and loses a root that a step hits.
     problem = getBenchmarkProblem("RP107")

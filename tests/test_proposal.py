@@ -241,6 +241,15 @@ def test_a_proposal_of_the_same_surrogate_follows_the_earlier_one():
     assert far.probability == pytest.approx(norm.sf(7.0 / math.hypot(1.0, 0.02)), rel=0.15)
 
 
+def test_a_point_is_reached_where_it_is_drawn_a_hundredth_as_often_as_failures():
+    """Failures of probability 1e-3 and a normal density around 3: exp(3 y - 4.5) 1e-3 is to be 0.01 or more."""
+    surrogate = SimpleNamespace(reduce=lambda u: u[:, :1])
+    mixture = GaussianMixture(np.ones(1), np.full((1, 1), 3.0), np.ones((1, 1, 1)))
+    proposal = Proposal(surrogate, mixture, None, None, 1e-3, 0.0, None)
+    y = (math.log(10.0) + 4.5) / 3.0
+    assert proposal.reaches(np.array([[y - 0.1, 9.0], [y + 0.1, 0.0]])).tolist() == [False, True]
+
+
 def test_a_proposal_that_follows_an_earlier_one_needs_no_search(monkeypatch):
     first = linearProposal(3.0)
     monkeypatch.setattr(proposals, "fitImportantRegion", lambda *arguments, **options: None)

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from separation_cases import (
+    SQUARE,
     TRUTH,
     general_separation,
     mixed_springs,
@@ -11,9 +12,9 @@ from separation_cases import (
 
 from satsep_ot.dynamics.orbit import Orbit
 from satsep_ot.dynamics.parameter_vector import Sign
-from satsep_ot.dynamics.quantities import quantity_table
+from satsep_ot.dynamics.quantities import base_fields, quantity_table
 from satsep_ot.dynamics.relative_orbit import Recontact
-from satsep_ot.dynamics.separation import Body, ForceLine, Status
+from satsep_ot.dynamics.separation import Body, ForceLine, Springs, Status
 from satsep_ot.dynamics.simulation import simulate, simulate_with_gradients
 
 
@@ -52,6 +53,42 @@ def test_gradient_of_the_axial_push_by_calculus():
     }
     for name, value in expected.items():
         assert gradient[names.index(name)] == pytest.approx(value, rel=1e-8), name
+
+
+def test_the_time_of_a_release_at_zero_force_does_not_depend_on_the_deformation():
+    """Springs that end at their deformation: a quarter of a period, pi / 2 sqrt(mu_r / sum K)."""
+    separation = symmetric_separation(springs=Springs(SQUARE, 0.3, 5500.0, 0.03, 0.04), orbit=None)
+    outcome = simulate_with_gradients(separation, tolerance=1e-12)
+    names = separation.parameter_names()
+    reduced_mass = 1.0 / (1.0 / 1200.0 + 1.0 / 100.0)
+    period = 0.5 * np.pi * np.sqrt(reduced_mass / 22000.0)
+    assert outcome.release_times.max() == pytest.approx(period, rel=1e-9)
+    by_time = outcome.gradients[0][base_fields(separation).index("time")]
+    by_deformation = by_time[[names.index(f"springs[{i}].deformation") for i in range(4)]].sum()
+    by_stiffness = by_time[[names.index(f"springs[{i}].stiffness") for i in range(4)]].sum()
+    assert abs(by_deformation) * 0.03 < 1e-8 * period
+    assert by_stiffness == pytest.approx(-0.5 * period / 5500.0, rel=1e-7)
+
+
+@pytest.mark.parametrize("angle", [1e-3, 0.3])
+def test_gradients_with_respect_to_a_large_mounting_error(angle):
+    """Of the velocity and the rates that springs and an impulse give."""
+    separation = symmetric_separation(
+        springs=Springs(SQUARE, 0.02, 5500.0, 0.04, 0.03),
+        satellite=Body(100.0, [9.35, 8.0, 7.0], [0.01, 0.4, -0.02]),
+        mounting_error=angle * np.array([0.8, -0.5, 0.6]),
+        impulse=[0.4, 1.1, 0.7],
+        angular_impulse=[0.2, -0.3, 0.5],
+    )
+    nominal, names = separation.parameters(), separation.parameter_names()
+    gradients = simulate_with_gradients(separation, tolerance=1e-12).gradients[0][3:12]
+    step = 1e-5
+    for axis in "xyz":
+        column = names.index(f"mounting_error.{axis}")
+        change = step * (np.arange(len(nominal)) == column)
+        ends = simulate(separation, [nominal + change, nominal - change], tolerance=1e-13).base[:, 3:12]
+        expected = (ends[0] - ends[1]) / (2.0 * step)
+        np.testing.assert_allclose(gradients[:, column], expected, atol=1e-6 * np.abs(expected).max())
 
 
 PLANES = [[-1.0, 0.05, 0.0, -0.36], [0.1, 0.02, 0.9, -0.4]]  # two walls near the envelope

@@ -8,6 +8,10 @@ the line, the quickest first, and stops at the first that fails. Kernels run as 
 that a mutant of them costs no compilation. What survives runs all fast tests of the files that reach its line, as they
 are compiled. The results are kept in FOLDER: started again, it goes on where it was. A copy of a FOLDER that has its
 record serves another seed.
+
+    python tests/benchmarks/mutation_check.py FOLDER --survivors EARLIER --seed 1 --tests TEST ...
+
+makes the mutants that survived in the folder EARLIER in the last commit, and runs these tests on them, compiled.
 """
 
 import argparse
@@ -556,6 +560,33 @@ def noticed_compiled(baseline, mutant):
     return ""
 
 
+def found_again(folder, mutant):
+    """A mutant of an earlier commit in this one, by its line, which must be there once."""
+    content = (folder / mutant["path"]).read_bytes()
+    lines = [line.strip().decode() for line in content.splitlines()]
+    if lines.count(mutant["before"]) != 1:
+        raise SystemExit(
+            f"{mutant['path']} has {lines.count(mutant['before'])} lines {mutant['before']}; it must have 1"
+        )
+    start = content.index(mutant["before"].encode())
+    return mutant | dict(start=start, end=start + len(mutant["before"].encode()), put=mutant["after"])
+
+
+def run_survivors(folder, survivors, tests):
+    """Print for each survivor of an earlier commit the first of these tests that fails, compiled."""
+    failure = first_failure_compiled(folder, tests)
+    if failure:
+        raise SystemExit(f"without a mutant: {failure}")
+    count = 0
+    for mutant in survivors:
+        with applied(folder, found_again(folder, mutant)):
+            failure = first_failure_compiled(folder, tests)
+        count += bool(failure)
+        found = failure.partition(" - ")[0] or "SURVIVES"
+        print(f"{mutant['path']}: {mutant['before']} -> {mutant['after']}: {found}", flush=True)
+    print(f"noticed: {count} of {len(survivors)} that survived", flush=True)
+
+
 def report(folder, chosen, results):
     arguments = " ".join(sys.argv[2:])
     lines = [
@@ -603,9 +634,21 @@ def main():
         parser.add_argument(f"--{layer}", type=int, default=number)
     parser.add_argument("--report", action="store_true", help="print what is known so far")
     parser.add_argument("--hints", type=Path, help="an earlier folder: what noticed a mutant there is run first here")
+    parser.add_argument("--survivors", type=Path, help="an earlier folder: make its survivors in the last commit")
+    parser.add_argument("--tests", nargs="+", help="what is run on them")
     options = parser.parse_args()
     folder = options.folder.resolve()
     prepare(folder)
+    if options.survivors:
+        numbers = {layer: getattr(options, layer) for layer in LAYERS}
+        results = json.loads((options.survivors / "results.json").read_text())
+        chosen = mutants(options.survivors.resolve(), numbers, options.seed)
+        run_survivors(
+            folder,
+            [mutant for mutant in chosen if not (results[key(mutant)] or why_equivalent(mutant))],
+            options.tests,
+        )
+        return
     chosen = mutants(folder, {layer: getattr(options, layer) for layer in LAYERS}, options.seed)
     kept = folder / "results.json"
     results = json.loads(kept.read_text()) if kept.exists() else {}
