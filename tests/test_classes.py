@@ -39,11 +39,11 @@ def truth(first, second):
     return 2.0 * stats.norm.sf(1.0 / (first**2 + second**2) ** 0.5)
 
 
-def curves(case, result=None, makes_runs=True, pool=None):
+def curves(case, result=None, makes_runs=True, spread=map):
     allowed = case.requirements[0].allowed_probability
     p = truth(0.4, 0.4)
     now = CurvePoint(1.0, p, 0.97 * p, 1.03 * p)
-    return requirement_curves(case, "rolling", allowed, now, ["rate", "kick"], result, makes_runs, pool=pool)
+    return requirement_curves(case, "rolling", allowed, now, ["rate", "kick"], result, makes_runs, spread=spread)
 
 
 def test_quick_probabilities_are_right_and_repeatable():
@@ -86,7 +86,7 @@ def test_the_loosest_size_that_meets_the_limit_is_found_and_confirmed():
 def test_processes_change_no_point_of_a_curve():
     case = case_with(allowed="0.05")
     with processes(2)() as pool:
-        assert curves(case, pool=pool) == curves(case)
+        assert curves(case, spread=pool.map) == curves(case)
 
 
 def test_where_no_size_of_one_tolerance_meets_the_limit_a_pair_does():
