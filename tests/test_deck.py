@@ -94,6 +94,13 @@ def test_the_lowest_height_is_that_of_a_fine_grid(name):
         assert ("envelope point" in outcome.explain(0)) == (point >= 0)
 
 
+def test_a_foot_that_is_clear_is_watched_no_longer():
+    """A satellite that tumbles: to watch it until the horizon takes five times as many steps."""
+    outcome = simulate(symmetric_separation(satellite=FLAT, springs=springs(SQUARE, 0.3, scale=[0.0, 1.0, 1.0, 1.0])))
+    assert outcome.status[0] == Status.OK
+    assert outcome.steps[0] < 15
+
+
 def test_pins_that_hold_more_than_the_springs_push_draw_the_bodies_together():
     held = springs(scale=0.7).joined(umbilical(0.3, 0.35, 300.0, 0.01, 0.01, friction=300.0, engagement=0.006))
     outcome = simulate(symmetric_separation(satellite=FLAT, springs=held))
