@@ -159,6 +159,7 @@ def linearProposal(limit, deviation=0.02, target=0.05, previous=None):
     surrogate = SimpleNamespace(
         dimension=lambda: 1,
         radial=False,
+        knownFailures=None,
         directions=np.full((4, 1), 0.5),
         searchPoints=8000,
         largestPoolFactor=20.0,
