@@ -61,9 +61,10 @@ def answered(case, state, tmp_path, capsys):
     return capsys.readouterr().out
 
 
-def test_ask_and_tell_give_the_bits_of_the_function(case, tmp_path, capsys):
+@pytest.mark.parametrize("alone", [[], ["--alone"]])
+def test_ask_and_tell_give_the_bits_of_the_function(alone, case, tmp_path, capsys):
     state = tmp_path / "state"
-    assert cli.main(begun(case, state, "--block", "20", "--seed", "3")) == 4
+    assert cli.main(begun(case, state, "--block", "20", "--seed", "3", *alone)) == 4
     printed = capsys.readouterr().out
     assert "with the columns run, rate_y [deg/s] to `satsep-ot tell" in printed
     # The case is in the state.
@@ -87,6 +88,7 @@ def test_ask_and_tell_give_the_bits_of_the_function(case, tmp_path, capsys):
     algorithm.setComponents(heavy, composition)
     algorithm.setTargetCoefficientOfVariation(0.1)
     algorithm.setBlockSize(20)
+    algorithm.setLowFidelity(None if alone else simulator)
     ot.RandomGenerator.SetSeed(3)
     algorithm.run()
     _, study = load_question(state)

@@ -10,6 +10,8 @@ import pytest
 from scipy.special import ndtr
 
 from satsep_ot.dynamics.quantities import QUANTITIES
+from satsep_ot.model.separation_function import SeparationFunction
+from satsep_ot.model.separation_problem import SeparationProblem
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -212,6 +214,49 @@ def test_slow_model_on_many_workers(capsys):
     error = np.hypot(result.getCoefficientOfVariation(), 1.0 / np.sqrt(np.count_nonzero(failed)))
     assert abs(result.getProbabilityEstimate() / failed.mean() - 1.0) < 4.0 * error
     assert "rows 40 to 43 could not be computed in 3 attempts" in printed
+
+
+def test_fine_and_coarse_model(capsys):
+    names, printed = run("fine_and_coarse_model", capsys)
+    alone, both = (names["results"][name] for name in ("fine model alone", "fine and coarse model"))
+    assert both.getConverged()
+    assert both.getEvaluationNumber() < alone.getEvaluationNumber()
+    # The highest point in closed form, where the speed is 0.
+    ot.RandomGenerator.SetSeed(1)
+    z0, v0, m, c = np.array(names["fall"].distribution.getSample(4_000_000)).T
+    tau, end = m / c, -names["GRAVITY"] * m / c
+    failures = np.count_nonzero(z0 + tau * v0 + end * tau * np.log1p(-v0 / end) > names["THRESHOLD"])
+    error = np.hypot(both.getCoefficientOfVariation(), 1.0 / np.sqrt(failures))
+    assert abs(both.getProbabilityEstimate() / (failures / 4_000_000) - 1.0) < 4.0 * error
+    assert "correlation of the two models 0.9998" in printed
+
+
+@pytest.mark.slow
+def test_mujoco_second_simulator(capsys):
+    pytest.importorskip("mujoco")
+    names, printed = run("mujoco_second_simulator", capsys)
+    alone, both = names["results"].values()
+    assert both.getConverged()
+    assert both.getEvaluationNumber() < 0.6 * alone.getEvaluationNumber()
+    difference = np.log(both.getProbabilityEstimate() / alone.getProbabilityEstimate())
+    assert abs(difference) < 3.0 * np.hypot(both.getCoefficientOfVariation(), alone.getCoefficientOfVariation())
+    assert "rate_x [deg/s]: correlation of the two simulators 0.99" in printed
+    # Without stiffness across the springs the two simulators are one, but for the impacts.
+    case, rates = names["SeparationProblem"]("reference").getCase(), names["satellite_rates"]
+    rates.__globals__["LATERAL"] = 0.0
+    model = SeparationFunction(case, quantities=["rate_x", "rate_z"], countsEndings=True)
+    ot.RandomGenerator.SetSeed(2)
+    sample = np.array(SeparationProblem(case).getDistribution().getSample(10))
+    parameters = names["ParameterMap"](case.inputs, case.separation).parameters(sample)
+    found = np.array([rates(case.separation.with_parameters(row)) for row in parameters])
+    np.testing.assert_allclose(found, model.evaluate(sample), atol=5e-3)
+
+
+def test_mujoco_second_simulator_without_mujoco(capsys, monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *rest: None)
+    names, printed = run("mujoco_second_simulator", capsys)
+    assert names["results"] == {}
+    assert "MuJoCo is not installed, and this example needs it" in printed
 
 
 def test_every_example_is_tested():

@@ -38,6 +38,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--most-runs", type=types.positive, default=5000, metavar="N",
         help="number of heavy runs at which they end in any case (default: 5000)",
     )  # fmt: skip
+    parser.add_argument(
+        "--alone", action="store_true", help="without this package's simulator, which else saves heavy runs of a case"
+    )
     types.add_block(parser)
 
 
@@ -63,7 +66,13 @@ def begin(options: argparse.Namespace) -> None:
 
     name = options.requirement or SYSTEM if options.model is None else str(options.model.resolve())
     question = HeavyQuestion(
-        name, options.seed, options.precision, options.most_runs, options.block, options.non_finite
+        name,
+        options.seed,
+        options.precision,
+        options.most_runs,
+        options.block,
+        options.non_finite,
+        options.alone,
     )
     case = None
     with telling_errors():

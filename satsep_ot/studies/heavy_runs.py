@@ -26,6 +26,9 @@ _FORMAT = 1
 _QUESTION, _CASE, _STATE, _ORIGIN = "question.json", "case.toml", "state", "separation.json"
 # Where no precision is asked for; runs at a precision of 5 % and above.
 _PRECISION, _MOST_RUNS = 0.1, 5000
+# Coefficient of variation from which on a verdict may end the runs; the wide runs are made first, so that the interval
+# has two sides.
+_VERDICT_PRECISION = 0.3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,6 +48,8 @@ class HeavyQuestion:
         Smallest number of heavy runs at once; None for as few as the algorithm likes.
     policy : str
         What a run with an output that is not finite is: "raise" (refused), "failure" or "safe".
+    alone : bool
+        Whether this package's simulator is left out, which else is the cheap model.
     """
 
     requirement: str
@@ -53,6 +58,7 @@ class HeavyQuestion:
     maximum: int = 5000
     block: int | None = None
     policy: str = "raise"
+    alone: bool = False
 
     def algorithm(
         self, problem: SeparationProblem, ofAll: bool = False, allowed: float | None = None
@@ -80,7 +86,8 @@ class HeavyQuestion:
         algorithm.setMaximumEvaluations(self.maximum)
         algorithm.setBlockSize(self.block)
         algorithm.setNonFinitePolicy(self.policy)
-        algorithm.setAllowedProbability(allowed, math.inf)
+        algorithm.setAllowedProbability(allowed, _VERDICT_PRECISION)
+        algorithm.setLowFidelity(None if self.alone else simulator)
         return algorithm
 
     def begin(self, algorithm: ActiveSubspaceReliability, state: str | os.PathLike) -> AskTellReliability:
@@ -141,7 +148,8 @@ class HeavyRuns:
             Its name, or "any requirement".
         seed : int
         precision : float or None
-            Coefficient of variation at which the runs end. None: at 0.1, or as soon as the requirement is decided.
+            Coefficient of variation at which the runs end. None: at 0.1, or from 0.3 on as soon as the
+            requirement is decided.
         level : float
             At which the intervals of all requirements hold at once.
 

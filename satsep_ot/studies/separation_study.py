@@ -316,8 +316,8 @@ class SeparationStudy(DeprecatedAccessors, OpenTURNSObject):
         `run` raises a :class:`satsep_ot.methods.reliability.run_files.RunsNeeded` where it needs runs that are not
         there yet: the exception names the file of their inputs and that in which it looks for their outputs, the
         quantities of all requirements. Called again, also by another process, it goes on. To be set before
-        `setDirectory`. Of the methods only ActiveSubspace is left then; no requirement is screened, no tolerance is
-        halved or varied, and no class, failure or fleet is computed.
+        `setDirectory`. Of the methods only ActiveSubspace is left then, with this package's simulator as its cheap
+        model; no requirement is screened, no tolerance is halved or varied, and no class, failure or fleet is computed.
 
         Parameters
         ----------

@@ -10,7 +10,7 @@ import openturns as ot
 
 MODES = ("fast", "safe")
 _OUTSIDE = ("progressCallback", "stopCallback", "checkpointFile", "checksModel", "asks")
-_LATER = ("blockSize",)
+_LATER = ("blockSize", "lowFidelity")
 
 
 @dataclasses.dataclass
