@@ -54,13 +54,13 @@ def test_bad_data_is_refused():
     for arguments, message in (
         ((points, np.zeros(5), 1), r"got \(6, 2\) and \(5,\)"),
         ((points, np.full(6, np.nan), 1), "finite"),
-        ((points, np.zeros(6), 3), "1 to 2, got 3"),
+        ((points, np.zeros(6), 3), "is 3; it must be 1 to 2"),
         ((points[:2], np.zeros(2), 1), "at least"),
     ):
         for estimate in (slicedInverseRegression, localLinearDirections):
             with pytest.raises(ValueError, match=message):
                 estimate(*arguments)
-    with pytest.raises(ValueError, match="slices must be 2 to 6, got 1"):
+    with pytest.raises(ValueError, match="slices is 1; it must be 2 to 6"):
         slicedInverseRegression(points, np.zeros(6), 1, slices=1)
     with pytest.raises(ValueError, match="at least 4 neighbours, got 3"):
         localLinearDirections(points, np.zeros(6), 1, neighbours=3)

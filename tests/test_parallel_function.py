@@ -318,7 +318,7 @@ def test_bad_arguments_are_named(threads):
         function.evaluate(np.zeros((3, 1)))
     with pytest.raises(ValueError, match="the chunk size is 0"):
         function.setChunkSize(0)
-    with pytest.raises(TypeError, match="the progress callback must be callable"):
+    with pytest.raises(TypeError, match="the progress callback is of type int; it must be callable"):
         function.setProgressCallback(1)
     assert "inputs=2, outputs=3" in repr(function)
 

@@ -185,7 +185,7 @@ def test_bad_data_is_refused(random):
         fit_polynomial(basis, points, values)
     with pytest.raises(ValueError, match="10 finite numbers >= 0"):
         fit_polynomial(basis, points, np.zeros(10), np.full(10, -1.0))
-    with pytest.raises(ValueError, match=r"shape \(n, 2\)"):
+    with pytest.raises(ValueError, match=r"shape \(3, 4\); it must be \(n, 2\)"):
         basis.evaluate(np.zeros((3, 4)))
     for arguments in ((-1, 2), (1, -1)):
         with pytest.raises(ValueError, match="at least 0"):
@@ -313,9 +313,9 @@ def test_the_memory_of_a_fit_does_not_grow_with_the_points(random):
 
 
 def test_shapes_that_do_not_match_are_refused(random):
-    with pytest.raises(ValueError, match=r"recurrence must have shape \(2, 3, 3\), got \(1, 3, 3\)"):
+    with pytest.raises(ValueError, match=r"recurrence has shape \(1, 3, 3\); it must be \(2, 3, 3\)"):
         PolynomialBasis(2, 3, recurrence=np.zeros((1, 3, 3)))
-    with pytest.raises(ValueError, match=r"values must have shape \(4,\) or \(4, p\), got \(3,\)"):
+    with pytest.raises(ValueError, match=r"values have shape \(3,\); it must be \(4,\) or \(4, p\)"):
         fit_polynomial(PolynomialBasis(1, 1), np.arange(4.0)[:, None], np.arange(3.0))
 
 

@@ -153,7 +153,7 @@ def test_kernel_density_of_a_sample_lies_beside_the_exact_one():
     graph = exact.drawPDF()
     drawn = np.array(graph.getDrawable(0).getData())
     assert (0.5 * (drawn[1:, 1] + drawn[:-1, 1]) @ np.diff(drawn[:, 0])) == pytest.approx(0.999, abs=0.01)
-    with pytest.raises(ValueError, match=r"\(0, 1\), got 1"):
+    with pytest.raises(ValueError, match=r"is 1.0; it must be in \(0, 1\)"):
         exact.drawPDF(1.0)
 
 
@@ -168,14 +168,14 @@ def test_other_laws_and_dimensions_are_refused():
         regression.run()
         with pytest.raises(ValueError, match=message):
             PolynomialDistribution(regression.getResult())
-    with pytest.raises(ValueError, match=r"\(0, 1\), got 1"):
+    with pytest.raises(ValueError, match=r"is 1.0; it must be in \(0, 1\)"):
         law_of(1, lambda y: y[:, 0]).computeQuantile(1.0)
 
 
 def test_threshold_that_is_no_number_is_refused_and_infinity_has_its_limits():
     law = law_of(2, lambda y: y[:, 0] ** 3 + y[:, 1])
     for compute in (law.computeCDF, law.computeComplementaryCDF, law.computePDF, law.computeCDFError):
-        with pytest.raises(ValueError, match="got nan"):
+        with pytest.raises(ValueError, match="is nan; it must be a number"):
             compute(float("nan"))
     infinity = float("inf")
     assert (law.computeCDF(infinity), law.computeComplementaryCDF(infinity)) == pytest.approx((1.0, 0.0), abs=1e-12)
@@ -187,7 +187,7 @@ def test_an_output_that_is_not_there_is_named():
     regression = MultivariatePolynomialRegression(inputs, inputs**2, ot.Normal(1))
     regression.run()
     for output in (-1, 1):
-        with pytest.raises(ValueError, match=f"output must be 0 to 0, got {output}"):
+        with pytest.raises(ValueError, match=f"output is {output}; it must be 0 to 0"):
             PolynomialDistribution(regression.getResult(), output)
 
 
@@ -250,7 +250,7 @@ def test_a_constant_polynomial_is_a_dirac_distribution():
     assert law.getMoment(2) == pytest.approx(4.0)
     with pytest.raises(ValueError, match="constant: it has no skewness"):
         law.getSkewness()
-    with pytest.raises(ValueError, match=r"order of a moment must be a whole number of at least 0, got 1\.5"):
+    with pytest.raises(ValueError, match=r"order of a moment is 1\.5; it must be a whole number of at least 0"):
         law.getMoment(1.5)
-    with pytest.raises(ValueError, match="level must be in"):
+    with pytest.raises(ValueError, match="level is 1.0; it must be in"):
         law.drawCDF(1.0)

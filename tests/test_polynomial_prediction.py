@@ -65,5 +65,5 @@ def test_every_way_agrees_with_the_basis(dimension, norm, outputs, block, monkey
 def test_constant_and_wrong_shapes():
     constant = PolynomialPrediction(PolynomialBasis(2, 0), np.array([[3.0, 4.0]]))
     assert constant.evaluate(np.zeros((2, 2))).tolist() == [[3.0, 3.0], [4.0, 4.0]]
-    with pytest.raises(ValueError, match=r"shape \(n, 2\), got \(4,\)"):
+    with pytest.raises(ValueError, match=r"shape \(4,\); it must be \(n, 2\)"):
         constant.evaluate(np.zeros(4))

@@ -465,7 +465,7 @@ def test_hyperbolic_set_rank_and_leverages():
         assert leverages.sum() == pytest.approx(result.getRank(), rel=1e-10)
         assert leverages.min() > 0.0
         assert leverages.max() < 1.0
-    with pytest.raises(ValueError, match=r"in \(0, 1\], got 1.5"):
+    with pytest.raises(ValueError, match=r"is 1.5; it must be in \(0, 1\]"):
         fitted(LAWS["normal"], setHyperbolicNorm=1.5)
 
 
@@ -523,7 +523,7 @@ def test_the_logarithm_of_the_spread_is_a_parabola_or_of_the_fits_own_degree():
 
 def test_samples_that_do_not_match_or_are_empty_are_refused():
     for inputs, outputs in ((np.zeros((3, 1)), np.zeros((4, 1))), (np.zeros(3), np.zeros((3, 1)))):
-        with pytest.raises(ValueError, match=r"must have shapes \(N, d\) and \(N, p\)"):
+        with pytest.raises(ValueError, match=r"they must be \(N, d\) and \(N, p\)"):
             MultivariatePolynomialRegression(inputs, outputs)
     for inputs, outputs in ((np.zeros((0, 1)), np.zeros((0, 1))), (np.zeros((3, 0)), np.zeros((3, 1)))):
         with pytest.raises(ValueError, match="samples are empty"):
@@ -550,9 +550,9 @@ def test_a_point_without_which_there_is_no_fit_is_named():
 def test_numbers_of_folds_levels_and_constants_are_checked():
     result = lineOf([0.0, 1.0, 2.0, 4.0], [1.0, 2.0, 3.5, 5.0])
     for folds in (1, 5):
-        with pytest.raises(ValueError, match=f"folds must be 2 to 4, got {folds}"):
+        with pytest.raises(ValueError, match=f"folds is {folds}; it must be 2 to 4"):
             result.getKFoldResiduals(folds)
-    with pytest.raises(ValueError, match=r"level must be in \(0, 1\), got 1"):
+    with pytest.raises(ValueError, match=r"level is 1.0; it must be in \(0, 1\)"):
         result.getPredictionInterval([[0.5]], 1.0)
     with pytest.raises(ValueError, match="constant: it has no Sobol indices"):
         lineOf([0.0, 1.0, 2.0, 4.0], [1.0] * 4, degree=0).getSobolIndex(0)
@@ -612,10 +612,14 @@ def test_an_input_may_have_a_distribution_in_python():
 def test_bad_degrees_and_folds_are_named():
     regression = MultivariatePolynomialRegression(np.zeros((30, 1)), np.zeros((30, 1)), ot.Normal(1))
     for highest in (-1, 11, 1.5):
-        with pytest.raises(ValueError, match=f"The highest degree must be a whole number from 0 to 10, got {highest}"):
+        with pytest.raises(
+            ValueError, match=f"The highest degree is {highest}; it must be a whole number from 0 to 10"
+        ):
             regression.selectDegree(highest)
     for folds in (1, 2.5):
-        with pytest.raises(ValueError, match=f"The number of folds must be a whole number of at least 2, got {folds}"):
+        with pytest.raises(
+            ValueError, match=f"The number of folds is {folds}; it must be a whole number of at least 2"
+        ):
             regression.selectDegree(4, folds)
 
 
@@ -652,13 +656,13 @@ def test_sobol_indices_and_the_native_chaos_result_are_those_of_openturns():
             for name in ("getSobolIndex", "getSobolTotalIndex", "getSobolGroupedIndex", "getSobolGroupedTotalIndex"):
                 expected = getattr(reference, name)(np.atleast_1d(group).tolist(), output)
                 assert getattr(result, name)(group, output) == pytest.approx(expected, abs=1e-12), name
-    with pytest.raises(ValueError, match=r"The inputs must be different ones of 0 to 3, got \[4\]"):
+    with pytest.raises(ValueError, match=r"The inputs are \[4\]; they must be different ones of 0 to 3"):
         result.getSobolIndex(4)
-    with pytest.raises(ValueError, match=r"must be different ones of 0 to 3, got \[1, 1\]"):
+    with pytest.raises(ValueError, match=r"are \[1, 1\]; they must be different ones of 0 to 3"):
         result.getSobolGroupedIndex([1, 1])
-    with pytest.raises(ValueError, match=r"must be different ones of 0 to 3, got \[\]"):
+    with pytest.raises(ValueError, match=r"are \[\]; they must be different ones of 0 to 3"):
         result.getSobolGroupedIndex([])
-    with pytest.raises(ValueError, match="The output must be 0 to 1, got 2"):
+    with pytest.raises(ValueError, match="The output is 2; it must be 0 to 1"):
         result.getSobolTotalIndex(0, 2)
 
 
@@ -705,5 +709,5 @@ def test_the_cross_validated_interval_needs_points_for_its_level():
     # (15 + 1) 0.9 = 14.4: the largest error of all.
     largest = np.abs(np.array(regression.getResult().getLeaveOneOutResiduals())).max()
     np.testing.assert_allclose(upper - lower, 2.0 * largest)
-    with pytest.raises(ValueError, match="confidence level must be in"):
+    with pytest.raises(ValueError, match="confidence level is 1.0; it must be in"):
         regression.getResult().getCrossValidatedInterval(inputs, 1.0)

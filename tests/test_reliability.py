@@ -619,7 +619,7 @@ def test_callbacks_can_be_lambdas_and_stop():
 def test_a_callback_that_cannot_be_called_is_refused_at_once(what):
     algorithm = ActiveSubspaceReliability(event(lambda u: 3.0 - u[:, 0]))
     getattr(algorithm, f"set{what}Callback")(None)
-    with pytest.raises(TypeError, match=f"the {what.lower()} callback must be callable, got int"):
+    with pytest.raises(TypeError, match=f"the {what.lower()} callback is of type int; it must be callable"):
         getattr(algorithm, f"set{what}Callback")(3)
 
 

@@ -150,7 +150,7 @@ def test_helpers():
 
 def test_bad_data_is_refused(random):
     points = random.standard_normal((20, 3))
-    with pytest.raises(ValueError, match="0 to 3, got 4"):
+    with pytest.raises(ValueError, match="is 4; it must be 0 to 3"):
         fit_ridge(points, points[:, 0], 4)
     with pytest.raises(ValueError, match="35 polynomial terms needs at least 35 points, got 20"):
         fit_ridge(points, points[:, 0], 3)
@@ -160,7 +160,7 @@ def test_bad_data_is_refused(random):
         fit_ridge(points, points[:, 0], 1, weights=-np.ones(20))
     with pytest.raises(ValueError, match="needs at least 5 points, got 3"):
         fit_ridge(points, points[:, 0], 1, weights=np.r_[np.ones(3), np.zeros(17)])
-    with pytest.raises(ValueError, match=r"shape \(3, 1\)"):
+    with pytest.raises(ValueError, match=r"shape \(2, 2\); it must be \(3, 1\)"):
         fit_ridge(points, points[:, 0], 1, initial=np.eye(2))
 
 
@@ -255,7 +255,7 @@ class TestRidgeApproximation:
         assert result.getDimension() == 3
         assert result.getQ2() == pytest.approx(1.0, abs=1e-9)
         for wrong in (-1, 5):
-            with pytest.raises(ValueError, match=f"largest dimension must be 0 to 4, got {wrong}"):
+            with pytest.raises(ValueError, match=f"largest dimension is {wrong}; it must be 0 to 4"):
                 algorithm.setLargestDimension(wrong)
 
     def resultWithSeed(self, seed, folds, starts, size=60):
@@ -275,7 +275,7 @@ class TestRidgeApproximation:
         assert abs(halves[0] - halves[1]) > 1e-3
         algorithm = RidgeApproximation(*self.twoDirections(60), ot.Normal(4))
         for wrong in (1, 61):
-            with pytest.raises(ValueError, match=f"number of folds must be 2 to 60, got {wrong}"):
+            with pytest.raises(ValueError, match=f"number of folds is {wrong}; it must be 2 to 60"):
                 algorithm.setFoldsNumber(wrong)
 
     def test_random_starts_are_drawn_as_asked_and_never_make_the_fit_worse(self):
@@ -288,7 +288,7 @@ class TestRidgeApproximation:
         assert other != following
         assert many.getRelativeError() <= none.getRelativeError() + 1e-9
         algorithm = RidgeApproximation(*self.twoDirections(60), ot.Normal(4))
-        with pytest.raises(ValueError, match="random starts must be at least 0, got -1"):
+        with pytest.raises(ValueError, match="random starts is -1; it must be at least 0"):
             algorithm.setStartsNumber(-1)
 
     def test_bad_input_is_refused(self):
@@ -316,20 +316,20 @@ def test_what_is_out_of_range_is_refused(random):
     points = random.standard_normal((40, 3))
     approximation = RidgeApproximation(points, points[:, :1], ot.Normal(3))
     for setter, value, message in (
-        ("Dimension", 4, "dimension must be 0 to 3, got 4"),
-        ("Dimension", -1, "dimension must be 0 to 3, got -1"),
-        ("LargestDimension", 4, "largest dimension must be 0 to 3, got 4"),
-        ("Degree", 0, "degree must be 1 to 10, got 0"),
-        ("Degree", 11, "degree must be 1 to 10, got 11"),
-        ("FoldsNumber", 1, "folds must be 2 to 40, got 1"),
+        ("Dimension", 4, "dimension is 4; it must be 0 to 3"),
+        ("Dimension", -1, "dimension is -1; it must be 0 to 3"),
+        ("LargestDimension", 4, "largest dimension is 4; it must be 0 to 3"),
+        ("Degree", 0, "degree is 0; it must be 1 to 10"),
+        ("Degree", 11, "degree is 11; it must be 1 to 10"),
+        ("FoldsNumber", 1, "folds is 1; it must be 2 to 40"),
     ):
         with pytest.raises(ValueError, match=message):
             getattr(approximation, f"set{setter}")(value)
     with pytest.raises(RuntimeError, match=r"call run\(\) first"):
         approximation.getResult()
-    with pytest.raises(ValueError, match=r"points must have shape \(n, d\), got \(40,\)"):
+    with pytest.raises(ValueError, match=r"points have shape \(40,\); it must be \(n, d\)"):
         fit_ridge(points[:, 0], points[:, 0], 1)
-    with pytest.raises(ValueError, match=r"values must have shape \(40,\) or \(40, p\), got \(39,\)"):
+    with pytest.raises(ValueError, match=r"values have shape \(39,\); it must be \(40,\) or \(40, p\)"):
         fit_ridge(points, points[:39, 0], 1)
 
 
@@ -378,7 +378,7 @@ def test_an_output_that_is_not_there_is_not_drawn(random):
     approximation.setDegree(1)
     approximation.run()
     for output in (-1, 1):
-        with pytest.raises(ValueError, match=f"output must be 0 to 0, got {output}"):
+        with pytest.raises(ValueError, match=f"output is {output}; it must be 0 to 0"):
             approximation.getResult().drawSufficientSummary(output)
 
 

@@ -177,7 +177,7 @@ class StandardSpace:
             A shape that does not fit, or the first such row.
         """
         if physicalSample.ndim != 2 or physicalSample.shape[1] != self.getDimension():
-            raise ValueError(f"The inputs must have shape (n, {self.getDimension()}), got {physicalSample.shape}.")
+            raise ValueError(f"The inputs have shape {physicalSample.shape}; it must be (n, {self.getDimension()}).")
         inside = np.array(self._distribution.computeLogPDF(physicalSample))[:, 0] > -1e300
         if not inside.all():
             row = int((~inside).argmax())

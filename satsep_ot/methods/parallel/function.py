@@ -183,7 +183,7 @@ class ParallelFunction(OpenTURNSObject, ot.OpenTURNSPythonFunction):
     def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called with the share of the sample that is done [%], chunk by chunk; None for nothing."""
         if callback is not None and not callable(callback):
-            raise TypeError(f"the progress callback must be callable, got {type(callback).__name__}")
+            raise TypeError(f"the progress callback is of type {type(callback).__name__}; it must be callable")
         self._progressCallback = callback
 
     def getLastError(self) -> "FunctionChunkError | None":

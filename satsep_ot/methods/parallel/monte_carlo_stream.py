@@ -200,7 +200,7 @@ class MonteCarloStream(OpenTURNSObject):
     def setProgressCallback(self, callback: Callable[[float], None] | None) -> None:
         """Called with the share of the runs that is done [%]; None for nothing."""
         if callback is not None and not callable(callback):
-            raise TypeError(f"the progress callback must be callable, got {type(callback).__name__}")
+            raise TypeError(f"the progress callback is of type {type(callback).__name__}; it must be callable")
         self._progressCallback = callback
 
     def run(self) -> None:

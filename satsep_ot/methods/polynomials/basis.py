@@ -70,16 +70,16 @@ class PolynomialBasis:
 
     def __init__(self, dimension: int, degree: int, norm: float = 1.0, recurrence: np.ndarray | None = None) -> None:
         if dimension < 0:
-            raise ValueError(f"The dimension of a polynomial basis must be at least 0, got {dimension}.")
+            raise ValueError(f"The dimension of a polynomial basis is {dimension}; it must be at least 0.")
         if degree < 0:
-            raise ValueError(f"The degree of a polynomial basis must be at least 0, got {degree}.")
+            raise ValueError(f"The degree of a polynomial basis is {degree}; it must be at least 0.")
         if not 0.0 < norm <= 1.0:
-            raise ValueError(f"The norm of the index set must be in (0, 1], got {norm}.")
+            raise ValueError(f"The norm of the index set is {norm}; it must be in (0, 1].")
         if recurrence is None:
             recurrence = np.broadcast_to(hermite_recurrence(degree), (dimension, degree, 3))
         recurrence = np.asarray(recurrence, dtype=float)
         if recurrence.shape != (dimension, degree, 3):
-            raise ValueError(f"The recurrence must have shape {(dimension, degree, 3)}, got {recurrence.shape}.")
+            raise ValueError(f"The recurrence has shape {recurrence.shape}; it must be {(dimension, degree, 3)}.")
         self.dimension = dimension
         self.degree = degree
         self.norm = norm
@@ -120,7 +120,7 @@ class PolynomialBasis:
         """Points as floats; ValueError unless their shape is (n, dimension)."""
         points = np.asarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != self.dimension:
-            raise ValueError(f"The points must have shape (n, {self.dimension}), got {points.shape}.")
+            raise ValueError(f"The points have shape {points.shape}; it must be (n, {self.dimension}).")
         return points
 
     def evaluate(self, points: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:

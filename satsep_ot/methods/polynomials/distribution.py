@@ -96,7 +96,7 @@ class PolynomialDistribution(OpenTURNSObject):
         self._polynomial, self._output = result, output
         coefficients = np.array(result.getCoefficients())
         if not 0 <= output < coefficients.shape[1]:
-            raise ValueError(f"The output must be 0 to {coefficients.shape[1] - 1}, got {output}.")
+            raise ValueError(f"The output is {output}; it must be 0 to {coefficients.shape[1] - 1}.")
         indices, coefficients = result.getIndices(), coefficients[:, output]
         self._mean = float(coefficients[0])
         self._deviation = float(np.sqrt((coefficients[1:] ** 2).sum()))
@@ -118,7 +118,7 @@ class PolynomialDistribution(OpenTURNSObject):
     def _roots(self, threshold):
         """Real roots (lines, degree) of p - threshold along each line in increasing order, filled up with inf."""
         if math.isnan(threshold):
-            raise ValueError("The threshold of a probability must be a number, got nan.")
+            raise ValueError("The threshold of a probability is nan; it must be a number.")
         power = self._power.copy()
         power[:, 0] -= threshold
         count, size = power.shape
@@ -255,7 +255,7 @@ class PolynomialDistribution(OpenTURNSObject):
     @_each
     def _quantile(self, probability, tail):
         if not 0.0 < probability < 1.0:
-            raise ValueError(f"The probability of a quantile must be in (0, 1), got {probability}.")
+            raise ValueError(f"The probability of a quantile is {probability}; it must be in (0, 1).")
         if self._deviation == 0.0:
             return self._mean
         width = self._deviation
@@ -286,7 +286,7 @@ class PolynomialDistribution(OpenTURNSObject):
 
     def _moment(self, order, centre):
         if int(order) != order or order < 0:
-            raise ValueError(f"The order of a moment must be a whole number of at least 0, got {order}.")
+            raise ValueError(f"The order of a moment is {order}; it must be a whole number of at least 0.")
         # Gauss' rule of n nodes is exact up to the degree 2 n - 1.
         nodes, weights = np.polynomial.hermite_e.hermegauss(self._polynomial.getDegree() * int(order) // 2 + 1)
         grids = np.meshgrid(*[nodes] * self._dimension, indexing="ij")
@@ -350,7 +350,7 @@ class PolynomialDistribution(OpenTURNSObject):
     def _cells(self, level):
         """Midpoints of equal cells between the quantiles of the middle level, ndarray (n,)."""
         if not 0.0 < level < 1.0:
-            raise ValueError(f"The level must be in (0, 1), got {level}.")
+            raise ValueError(f"The level is {level}; it must be in (0, 1).")
         lower, upper = (self.computeQuantile(0.5 * (1.0 + sign * level)) for sign in (-1.0, 1.0))
         return lower + (np.arange(DRAWN_POINTS) + 0.5) * (upper - lower) / DRAWN_POINTS
 

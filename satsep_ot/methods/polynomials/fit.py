@@ -285,7 +285,7 @@ def fit_polynomial(
     points = basis.checked_points(points)
     values = np.asarray(values, dtype=float)
     if values.ndim not in (1, 2) or len(values) != len(points):
-        raise ValueError(f"The values must have shape ({len(points)},) or ({len(points)}, p), got {values.shape}.")
+        raise ValueError(f"The values have shape {values.shape}; it must be ({len(points)},) or ({len(points)}, p).")
     if weights is not None:
         weights = np.asarray(weights, dtype=float)
         if weights.shape != (len(points),) or not (np.isfinite(weights).all() and (weights >= 0.0).all()):

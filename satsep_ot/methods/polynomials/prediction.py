@@ -65,7 +65,7 @@ class PolynomialPrediction:
         """Values (p, n) at points (n, dimension)."""
         points = np.asarray(points, dtype=float)
         if points.ndim != 2 or points.shape[1] != self._dimension:
-            raise ValueError(f"The points must have shape (n, {self._dimension}), got {points.shape}.")
+            raise ValueError(f"The points have shape {points.shape}; it must be (n, {self._dimension}).")
         return self._rule.evaluate(points)
 
 

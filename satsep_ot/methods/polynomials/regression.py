@@ -57,7 +57,8 @@ class MultivariatePolynomialRegression(OpenTURNSObject):
         self._values = np.array(outputSample, dtype=float)
         if self._points.ndim != 2 or self._values.ndim != 2 or len(self._points) != len(self._values):
             raise ValueError(
-                f"The samples must have shapes (N, d) and (N, p), got {self._points.shape} and {self._values.shape}."
+                f"The samples have shapes {self._points.shape} and {self._values.shape}; "
+                "they must be (N, d) and (N, p)."
             )
         if len(self._points) < 1 or self._points.shape[1] < 1 or self._values.shape[1] < 1:
             raise ValueError(f"The samples are empty: shapes {self._points.shape} and {self._values.shape}.")
@@ -102,7 +103,7 @@ class MultivariatePolynomialRegression(OpenTURNSObject):
     def setDegree(self, degree: int) -> None:
         """Highest total degree, 0 to 10 (default 4)."""
         if int(degree) != degree or not 0 <= degree <= HIGHEST_DEGREE:
-            raise ValueError(f"The degree must be an integer from 0 to {HIGHEST_DEGREE}, got {degree}.")
+            raise ValueError(f"The degree is {degree}; it must be an integer from 0 to {HIGHEST_DEGREE}.")
         self._degree = int(degree)
 
     def getDegree(self) -> int:
@@ -112,7 +113,7 @@ class MultivariatePolynomialRegression(OpenTURNSObject):
     def setHyperbolicNorm(self, norm: float) -> None:
         """Norm q of the index set, in (0, 1]: 1 (default) is the total degree, less drops interactions."""
         if not 0.0 < norm <= 1.0:
-            raise ValueError(f"The norm of the index set must be in (0, 1], got {norm}.")
+            raise ValueError(f"The norm of the index set is {norm}; it must be in (0, 1].")
         self._norm = float(norm)
 
     def setWeights(self, weights: ArrayLike | None) -> None:
@@ -151,9 +152,9 @@ class MultivariatePolynomialRegression(OpenTURNSObject):
             The highest degree or the number of folds is not allowed, or there are too few points.
         """
         if int(highest) != highest or not 0 <= highest <= HIGHEST_DEGREE:
-            raise ValueError(f"The highest degree must be a whole number from 0 to {HIGHEST_DEGREE}, got {highest}.")
+            raise ValueError(f"The highest degree is {highest}; it must be a whole number from 0 to {HIGHEST_DEGREE}.")
         if int(folds) != folds or folds < 2:
-            raise ValueError(f"The number of folds must be a whole number of at least 2, got {folds}.")
+            raise ValueError(f"The number of folds is {folds}; it must be a whole number of at least 2.")
         blocks = shuffled_folds(len(self._points), folds)
         units = output_units(self._values)
         spread = (self._values / units).var(axis=0)

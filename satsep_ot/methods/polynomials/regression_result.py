@@ -200,7 +200,7 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
         """
         if isinstance(folds, int):
             if not 2 <= folds <= len(self._points):
-                raise ValueError(f"The number of folds must be 2 to {len(self._points)}, got {folds}.")
+                raise ValueError(f"The number of folds is {folds}; it must be 2 to {len(self._points)}.")
             folds = shuffled_folds(len(self._points), folds)
         return ot.Sample(self._fit.k_fold([np.asarray(fold, dtype=int) for fold in folds]))
 
@@ -241,7 +241,7 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
 
     def _quantile(self, level):
         if not 0.0 < level < 1.0:
-            raise ValueError(f"The confidence level must be in (0, 1), got {level}.")
+            raise ValueError(f"The confidence level is {level}; it must be in (0, 1).")
         return ot.Student(float(self._fit.freedom)).computeQuantile(0.5 + 0.5 * level)[0]
 
     def getPredictionVariance(self, points: np.ndarray, noise: bool = True) -> np.ndarray:
@@ -376,7 +376,7 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
 
     def _share(self, selected, output):
         if output not in range(self._values.shape[1]):
-            raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
+            raise ValueError(f"The output is {output}; it must be 0 to {self._values.shape[1] - 1}.")
         squares = self._moments[0][:, output] * self._active().any(axis=1)
         total = squares.sum()
         if not total > 0.0:
@@ -419,7 +419,7 @@ class MultivariatePolynomialRegressionResult(OpenTURNSObject):
         given = np.atleast_1d(variables)
         numbers = {int(variable) for variable in given if variable in range(d)}
         if not len(given) or len(numbers) < len(given):
-            raise ValueError(f"The inputs must be different ones of 0 to {d - 1}, got {given.tolist()}.")
+            raise ValueError(f"The inputs are {given.tolist()}; they must be different ones of 0 to {d - 1}.")
         group[list(numbers)] = True
         return group
 

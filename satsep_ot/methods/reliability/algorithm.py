@@ -367,4 +367,4 @@ class ActiveSubspaceReliability(OpenTURNSObject):
 
 def _refuseNotCallable(what, callback):
     if callback is not None and not callable(callback):
-        raise TypeError(f"the {what} callback must be callable, got {type(callback).__name__}")
+        raise TypeError(f"the {what} callback is of type {type(callback).__name__}; it must be callable")

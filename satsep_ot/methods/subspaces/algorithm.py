@@ -201,7 +201,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         of an output that varies are 0.
         """
         if method not in GRADIENT_METHODS:
-            raise ValueError(f"The gradient method must be one of {', '.join(GRADIENT_METHODS)}, got {method!r}.")
+            raise ValueError(f"The gradient method is {method!r}; it must be one of {', '.join(GRADIENT_METHODS)}.")
         self._gradientMethod = method
 
     def getGradientMethod(self) -> str:
@@ -211,13 +211,13 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
     def setGradientSampleFunction(self, callable_: Callable[[np.ndarray], ArrayLike] | None) -> None:
         """A callable X (N, d) -> (N, d, p) of dg_j/dx_i at physical points, used for "Automatic" and "Exact"."""
         if not callable(callable_):
-            raise TypeError(f"The gradient sample function must be callable, got {type(callable_).__name__}.")
+            raise TypeError(f"The gradient sample function is of type {type(callable_).__name__}; it must be callable.")
         self._gradientSampleFunction = callable_
 
     def setFiniteDifferenceStep(self, step: float | None) -> None:
         """Step in the standard space, in standard deviations; None (default) takes it from the estimated noise."""
         if step is not None and not 0.0 < step < math.inf:
-            raise ValueError(f"The finite difference step must be positive and finite, got {step}.")
+            raise ValueError(f"The finite difference step is {step}; it must be positive and finite.")
         self._step = step
 
     def setBootstrapSize(self, bootstrapSize: int) -> None:
@@ -234,7 +234,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
         if dimension is not None:
             dimension = _integer("dimension", dimension, 1)
             if dimension > self._space.getDimension():
-                raise ValueError(f"The dimension must be 1 to {self._space.getDimension()}, got {dimension}.")
+                raise ValueError(f"The dimension is {dimension}; it must be 1 to {self._space.getDimension()}.")
         self._dimension = dimension
 
     def getDimension(self) -> int | None:
@@ -244,7 +244,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
     def setWeightFunction(self, weightFunction: Callable[[np.ndarray], ArrayLike] | None) -> None:
         """A callable of the outputs, (M, p) -> (M,), that weights the points, for instance near a limit state."""
         if weightFunction is not None and not callable(weightFunction):
-            raise TypeError(f"The weight function must be callable, got {type(weightFunction).__name__}.")
+            raise TypeError(f"The weight function is of type {type(weightFunction).__name__}; it must be callable.")
         self._weightFunction = weightFunction
 
     def setTargetSubspaceError(self, target: float | None, maximumSamplingSize: int | None = None) -> None:
@@ -259,7 +259,7 @@ class ActiveSubspaceAlgorithm(OpenTURNSObject):
             :meth:`~ActiveSubspaceResult.getRemarks` then says so.
         """
         if target is not None and not 0.0 < target < 1.0:
-            raise ValueError(f"The target of the subspace error must be in (0, 1), got {target}.")
+            raise ValueError(f"The target of the subspace error is {target}; it must be in (0, 1).")
         self._targetSubspaceError = target
         if maximumSamplingSize is not None:
             self._maximumSamplingSize = _integer("maximum sampling size", maximumSamplingSize, 1)
@@ -395,5 +395,5 @@ def _replicates(inputs):
 
 def _integer(name, value, least):
     if int(value) != value or value < least:
-        raise ValueError(f"The {name} must be an integer of at least {least}, got {value}.")
+        raise ValueError(f"The {name} is {value}; it must be an integer of at least {least}.")
     return int(value)

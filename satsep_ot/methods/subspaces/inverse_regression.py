@@ -15,7 +15,7 @@ def _checked(points, values, dimension, least):
     if not (np.isfinite(points).all() and np.isfinite(values).all()):
         raise ValueError("Directions need finite points and values.")
     if not 1 <= dimension <= points.shape[1]:
-        raise ValueError(f"The dimension must be 1 to {points.shape[1]}, got {dimension}.")
+        raise ValueError(f"The dimension is {dimension}; it must be 1 to {points.shape[1]}.")
     if len(points) < least:
         raise ValueError(f"{points.shape[1]} inputs need at least {least} points, got {len(points)}.")
     return points, values
@@ -61,7 +61,7 @@ def slicedInverseRegression(points: np.ndarray, values: np.ndarray, dimension: i
     """
     points, values = _checked(points, values, dimension, np.shape(points)[-1] + 1)
     if not dimension < slices <= len(points):
-        raise ValueError(f"The number of slices must be {dimension + 1} to {len(points)}, got {slices}.")
+        raise ValueError(f"The number of slices is {slices}; it must be {dimension + 1} to {len(points)}.")
     centred = points - points.mean(axis=0)
     # Whitened: chance correlations of the sample would tilt the directions.
     triangle = linalg.qr(centred, mode="r")[0][: points.shape[1]] / math.sqrt(len(points))

@@ -26,7 +26,7 @@ _FORMAT = "ActiveSubspaceResult 1"
 
 def _checkLevel(level):
     if not 0.0 < level < 1.0:
-        raise ValueError(f"The confidence level must be in (0, 1), got {level}.")
+        raise ValueError(f"The confidence level is {level}; it must be in (0, 1).")
 
 
 class ActiveSubspaceResult(OpenTURNSObject):
@@ -451,7 +451,7 @@ class ActiveSubspaceResult(OpenTURNSObject):
         self._needDirections()
         _checkLevel(level)
         if not 0 <= output < self._analysis.values.shape[1]:
-            raise ValueError(f"The output must be 0 to {self._analysis.values.shape[1] - 1}, got {output}.")
+            raise ValueError(f"The output is {output}; it must be 0 to {self._analysis.values.shape[1] - 1}.")
         active = self._analysis.points @ self._active()
         name = self._outputs[output] if self._outputs else f"output {output}"
         return drawSufficientSummary(active, self._values()[:, output], self._analysis.weights, name, level)

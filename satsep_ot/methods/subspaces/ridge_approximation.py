@@ -64,7 +64,7 @@ class RidgeApproximation(OpenTURNSObject):
         d = distribution.getDimension()
         if physical.ndim != 2 or self._values.ndim != 2 or len(physical) != len(self._values) or physical.shape[1] != d:
             raise ValueError(
-                f"The samples must have shapes (N, {d}) and (N, p), got {physical.shape} and {self._values.shape}."
+                f"The samples have shapes {physical.shape} and {self._values.shape}; they must be (N, {d}) and (N, p)."
             )
         finite = np.isfinite(physical).all(axis=1) & np.isfinite(self._values).all(axis=1)
         if not finite.all():
@@ -117,19 +117,19 @@ class RidgeApproximation(OpenTURNSObject):
     def setDimension(self, dimension: int | None) -> None:
         """Number of directions, 0 to d, or None (default) to choose it up to the largest."""
         if dimension is not None and not 0 <= dimension <= self._points.shape[1]:
-            raise ValueError(f"The dimension must be 0 to {self._points.shape[1]}, got {dimension}.")
+            raise ValueError(f"The dimension is {dimension}; it must be 0 to {self._points.shape[1]}.")
         self._dimension = dimension
 
     def setLargestDimension(self, dimension: int) -> None:
         """Largest dimension of the automatic choice (default 3)."""
         if not 0 <= dimension <= self._points.shape[1]:
-            raise ValueError(f"The largest dimension must be 0 to {self._points.shape[1]}, got {dimension}.")
+            raise ValueError(f"The largest dimension is {dimension}; it must be 0 to {self._points.shape[1]}.")
         self._largestDimension = dimension
 
     def setDegree(self, degree: int | None) -> None:
         """Total degree, 1 to 10, or None (default) to choose it up to 4."""
         if degree is not None and not 1 <= degree <= 10:
-            raise ValueError(f"The degree must be 1 to 10, got {degree}.")
+            raise ValueError(f"The degree is {degree}; it must be 1 to 10.")
         self._degree = degree
 
     def setWeights(self, weights: ArrayLike | None) -> None:
@@ -147,13 +147,13 @@ class RidgeApproximation(OpenTURNSObject):
     def setStartsNumber(self, starts: int) -> None:
         """Number of random starts beside the starts from the quadratic fit (default 2)."""
         if starts < 0:
-            raise ValueError(f"The number of random starts must be at least 0, got {starts}.")
+            raise ValueError(f"The number of random starts is {starts}; it must be at least 0.")
         self._starts = starts
 
     def setFoldsNumber(self, folds: int) -> None:
         """Folds of the cross-validation (default 5)."""
         if not 2 <= folds <= len(self._points):
-            raise ValueError(f"The number of folds must be 2 to {len(self._points)}, got {folds}.")
+            raise ValueError(f"The number of folds is {folds}; it must be 2 to {len(self._points)}.")
         self._folds = folds
 
     @singleThread()
@@ -369,7 +369,7 @@ class RidgeApproximationResult(OpenTURNSObject):
         """One output against the first one or two active variables, :py:class:`openturns.Graph`."""
         self._needDirections()
         if not 0 <= output < self._values.shape[1]:
-            raise ValueError(f"The output must be 0 to {self._values.shape[1] - 1}, got {output}.")
+            raise ValueError(f"The output is {output}; it must be 0 to {self._values.shape[1] - 1}.")
         active = self._points @ self._fit.directions
         name = self._outputs[output] if self._outputs else f"output {output}"
         return drawSufficientSummary(active, self._values[:, output], self._weights, name, level)

@@ -281,12 +281,12 @@ def fit_ridge(
     points = np.ascontiguousarray(points, dtype=float)
     values = np.asarray(values, dtype=float)
     if points.ndim != 2:
-        raise ValueError(f"The points must have shape (n, d), got {points.shape}.")
+        raise ValueError(f"The points have shape {points.shape}; it must be (n, d).")
     n, d = points.shape
     if values.ndim not in (1, 2) or len(values) != n:
-        raise ValueError(f"The values must have shape ({n},) or ({n}, p), got {values.shape}.")
+        raise ValueError(f"The values have shape {values.shape}; it must be ({n},) or ({n}, p).")
     if not 0 <= dimension <= d:
-        raise ValueError(f"The dimension of a ridge in {d} inputs must be 0 to {d}, got {dimension}.")
+        raise ValueError(f"The dimension of a ridge in {d} inputs is {dimension}; it must be 0 to {d}.")
     if not (np.isfinite(points).all() and np.isfinite(values).all()):
         raise ValueError("A ridge approximation needs finite points and values.")
     if weights is not None:
@@ -311,7 +311,7 @@ def fit_ridge(
     if initial is not None:
         initial = np.asarray(initial, dtype=float)
         if initial.shape != (d, dimension):
-            raise ValueError(f"The initial directions must have shape ({d}, {dimension}), got {initial.shape}.")
+            raise ValueError(f"The initial directions have shape {initial.shape}; it must be ({d}, {dimension}).")
         directions, _, converged, iterations = problem.minimise(
             linalg.qr(initial, mode="economic")[0], steps, tolerance
         )
