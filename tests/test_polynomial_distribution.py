@@ -252,5 +252,5 @@ def test_a_constant_polynomial_is_a_dirac_distribution():
         law.getSkewness()
     with pytest.raises(ValueError, match=r"order of a moment is 1\.5; it must be a whole number of at least 0"):
         law.getMoment(1.5)
-    with pytest.raises(ValueError, match="level is 1.0; it must be in"):
+    with pytest.raises(ValueError, match=r"level is 1\.0; it must be in"):
         law.drawCDF(1.0)

@@ -709,5 +709,5 @@ def test_the_cross_validated_interval_needs_points_for_its_level():
     # (15 + 1) 0.9 = 14.4: the largest error of all.
     largest = np.abs(np.array(regression.getResult().getLeaveOneOutResiduals())).max()
     np.testing.assert_allclose(upper - lower, 2.0 * largest)
-    with pytest.raises(ValueError, match="confidence level is 1.0; it must be in"):
+    with pytest.raises(ValueError, match=r"confidence level is 1\.0; it must be in"):
         regression.getResult().getCrossValidatedInterval(inputs, 1.0)
