@@ -54,6 +54,15 @@ def test_quick_probabilities_are_right_and_repeatable():
     assert quick_probability(case, "rolling", 3) == quick_probability(case, "rolling", 3)
 
 
+def test_a_violation_that_no_method_finds_is_bounded_below_the_allowed_probability():
+    case = case_with(0.01, 0.01, allowed="2e-4")
+    found = quick_probability(case, "rolling", 3)
+    assert found.probability == 0.0
+    assert found.upper95 <= 2e-4
+    assert found.converged
+    assert found.runs >= 3.7 / 2e-4
+
+
 def test_each_point_of_a_curve_says_how_it_is_known():
     case = case_with(allowed="0.02")
     study = SeparationStudy(SeparationProblem(case), ["ActiveSubspace"], 1, 2000, 20)
