@@ -90,6 +90,14 @@ def test_a_surrogate_without_the_limit_does_not_explain_a_hit():
     assert not sampling.settled
 
 
+def test_a_surrogate_that_expects_failures_far_before_the_limit_does_not_explain_a_hit(monkeypatch):
+    sampling, recorder = samplingOf(plane)
+    assert verdictOf(sampling, recorder) is Verdict.REACHED
+    monkeypatch.setattr(sampling, "_failure", lambda u: (u @ ROOT > 1.0).astype(float))
+    sampling._hits = [np.array([2.5, 3.0, 0.5, 1.0])]
+    assert not sampling.settle()
+
+
 def test_a_hit_cannot_be_explained_without_runs():
     sampling, recorder = samplingOf(plane, maximum=300)
     assert verdictOf(sampling, recorder) is Verdict.REACHED
