@@ -17,7 +17,7 @@ from satsep_ot.methods.common.standard_space import StandardSpace
 from satsep_ot.methods.reliability.limit_state import LimitStateEvent
 from satsep_ot.methods.reliability.mixture import ModeMixture, fitGaussianMixture
 from satsep_ot.methods.reliability.outcome import ReliabilityOutcome
-from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate, ProcessFit, RidgeFit
+from satsep_ot.methods.reliability.surrogate import LimitStateSurrogate, ProcessFit, RidgeFit, RidgeModel
 
 # A component follows the cheap one where that raises the mean log density of predictions by so much.
 _LEAST_GAIN = 0.1
@@ -88,12 +88,12 @@ class CorrectedFit:
     least: float
 
     @property
-    def model(self):
+    def model(self) -> RidgeModel:
         """The model of the discrepancy."""
         return self.discrepancy.model
 
     @property
-    def directions(self):
+    def directions(self) -> np.ndarray:
         """The directions of the discrepancy."""
         return self.discrepancy.directions
 
