@@ -53,6 +53,15 @@ def test_probabilities_and_paired_differences(found):
     assert heavy.difference_text.startswith("no difference shown")
 
 
+def test_what_nothing_violates_is_bounded_by_all_common_runs():
+    texts = [text_with(rate=rate, kick=0.01).replace("= 0.1\n", "= 1e-3\n") for rate in (0.01, 0.005)]
+    assert "allowed_probability = 1e-3" in texts[0]
+    designs = [Design(name, parse_case(text), name) for name, text in zip(("calm", "calmer"), texts, strict=True)]
+    for one in compare_designs(designs, 20_000).estimates["rolling"]:
+        assert one.probability == 0.0
+        assert one.upper95 < 2e-4
+
+
 def test_what_differs_and_what_explains_most(found):
     changes = {change.keys: change for change in found.changes["both"]}
     assert set(changes) == {("satellite.mass",), ("inputs.rate",), ("inputs.kick",)}

@@ -165,13 +165,16 @@ def _estimate(design, label, count, runs, seed):
     row = None if design.result is None else best_estimate(design.result.rows_of(label))
     if row is not None:
         return DesignEstimate(row.probability, row.lower95, row.upper95, f"its study, {row.method}", row.evaluations)
+    lower, upper = clopperPearson(count, runs)
     if count < _FEW:
         found = quick_probability(design.case, label, seed)
-        if found.converged and found.probability is not None:
+        # Few runs that violate nothing bound a probability less than the many that are common.
+        is_sharper = found.upper95 is not None and (bool(found.probability) or found.upper95 < upper)
+        if found.converged and is_sharper:
             return DesignEstimate(
                 found.probability, found.lower95, found.upper95, f"{found.runs:,} runs of its own", found.runs
             )
-    return DesignEstimate(count / runs, *clopperPearson(count, runs), f"{runs:,} common runs", runs)
+    return DesignEstimate(count / runs, lower, upper, f"{runs:,} common runs", runs)
 
 
 def _difference(first, other):
