@@ -118,10 +118,12 @@ class CorrectedSurrogate(LimitStateSurrogate):
     cheap : array (n, p)
         Components of the cheap model at the points.
     previous : CorrectedSurrogate, optional
+    decided : bool
+        Whether components follow the cheap ones, or do not, as those of the previous surrogate.
     """
 
     # Each point is a run of the cheap model.
-    searchPoints, largestPoolFactor = 2500, 8.0
+    searchPoints = 2500
 
     def __init__(
         self,
@@ -133,6 +135,7 @@ class CorrectedSurrogate(LimitStateSurrogate):
         cheap: np.ndarray,
         previous: "CorrectedSurrogate | None" = None,
         reselect: bool = True,
+        decided: bool = False,
     ) -> None:
         self._training = u, values, weights
         self._limit = self.margin = margin
@@ -146,7 +149,7 @@ class CorrectedSurrogate(LimitStateSurrogate):
         earlier = [None] * values.shape[1] if previous is None else previous.components
         cheap = self._complete(cheap)
         self.components = [
-            self._correct(column, one, old, reselect)
+            self._correct(column, one, old, reselect, decided)
             for column, one, old in zip(values.T, cheap.T, earlier, strict=True)
         ]
         self.directions = np.eye(self.inputs)
@@ -155,7 +158,7 @@ class CorrectedSurrogate(LimitStateSurrogate):
     def _complete(self, cheap):
         return np.where(np.isfinite(cheap), cheap, self._typical)
 
-    def _correct(self, column, cheap, old, reselect):
+    def _correct(self, column, cheap, old, reselect, decided):
         u, _, weights = self._training
         factor, least = self._factor(column, cheap, weights), _SMALLEST_ERROR * float(column.std())
         if not reselect and old is not None and old.model.parameters(self.inputs) <= 0.75 * len(u):
@@ -163,9 +166,13 @@ class CorrectedSurrogate(LimitStateSurrogate):
             return CorrectedFit(factor, old.discrepancy.refit(u, column - factor * cheap, weights), least)
         found = []
         for rho in (factor, 0.0):
+            if decided and old is not None and bool(rho) != bool(old.factor):
+                continue
             start = old.discrepancy if old is not None and bool(old.factor) == bool(rho) else None
             fit = self._choose(column - rho * cheap, start, 3, 4)
             found.append((self._score(fit, column - rho * cheap), CorrectedFit(rho, fit, least)))
+        if len(found) == 1:
+            return found[0][1]
         (with_cheap, corrected), (without, plain) = found
         self.scores.append(with_cheap - without)
         return corrected if with_cheap > without + _LEAST_GAIN else plain

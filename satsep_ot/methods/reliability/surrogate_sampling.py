@@ -39,6 +39,8 @@ _AGREEMENT, _CONTRADICTION = 3.0, 5.0
 _LARGE_GAIN = 1.9
 # Gain with which it is kept, and with which it is taken up later.
 _SAME_GAIN, _OTHER_GAIN = 0.1, 0.3
+# After so many times the first runs it is not looked at any more whether a cheap model helps.
+_UNDECIDED = 4
 # Shares of wide runs while audits are missing, and after.
 _AUDIT_SHARE, _LATER_AUDIT_SHARE = 0.4, 0.15
 
@@ -207,8 +209,8 @@ class SurrogateSampling:
             self._limitState.surrogateMargin,
             1.0 / (1.0 + (margins / self._weightWidth) ** 2),
         )
-        found = None
-        if reselect or isinstance(self.surrogate, CorrectedSurrogate):
+        found, isCorrected = None, isinstance(self.surrogate, CorrectedSurrogate)
+        if isCorrected or (reselect and self._recorder.used() <= _UNDECIDED * self._initialSize):
             found = self._fitCorrected(data, runs.u, rows, reselect)
         if found is None:
             missing = min(self._initialSize - self._recorder.used(), self._left() - 1)
@@ -217,7 +219,7 @@ class SurrogateSampling:
                 self._selectedAt = 0
                 self._fit()
                 return
-            plain = None if isinstance(self.surrogate, CorrectedSurrogate) else self.surrogate
+            plain = None if isCorrected else self.surrogate
             found = LimitStateSurrogate(*data, plain, reselect=reselect)
         if self.surrogate is not None and type(self.surrogate) is not type(found):
             # Few large corrections of a poor model beside the small ones of a good one would make a heavy tail.
@@ -233,11 +235,13 @@ class SurrogateSampling:
         values = self._lowFidelity.values(u[known:])
         self._cheap = values if self._cheap is None else np.vstack([self._cheap, values])
         previous = self.surrogate if isinstance(self.surrogate, CorrectedSurrogate) else None
-        found = CorrectedSurrogate(*data, self._lowFidelity, self._cheap[rows], previous, reselect)
+        # Blocks that were made by it are worth more than a better model.
+        decided = previous is not None and self._recorder.used() > _UNDECIDED * self._initialSize
+        found = CorrectedSurrogate(*data, self._lowFidelity, self._cheap[rows], previous, reselect, decided)
         least = _OTHER_GAIN if previous is None else _SAME_GAIN
         if self._recorder.used() < self._initialSize:
             least = _LARGE_GAIN
-        return found if found.gain() > least else None
+        return found if decided or found.gain() > least else None
 
     def _keepErrors(self, runs, calibration):
         rows = runs.finite
@@ -292,9 +296,9 @@ class SurrogateSampling:
         wide = min(max(round(size * share + self._generator.random() - 0.5), 1), max(size - 2, 0))
         u, chosen, weights = proposal.draw(size - wide, self._generator)
         start = len(self._recorder)
-        # What a cheap model tells is worth the first runs that it saves.
-        saved = self._initialSize if isinstance(self.surrogate, CorrectedSurrogate) else 0
-        known = self._recorder.used() + saved
+        # Of the error of a cheap model little can be learnt: the first blocks are worth as much as later ones.
+        isCorrected = isinstance(self.surrogate, CorrectedSurrogate)
+        known = self._initialSize if isCorrected else self._recorder.used()
         calibration = self.calibration.factors()
         runs = self._recorder.evaluate(u, "estimation")
         runs = dataclasses.replace(runs, weights=weights, expected=proposal.failure[chosen])
