@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import openturns as ot
 import pytest
-from fault_injection import DoublingWithFault, kill_worker, sleep_for_ever
+from fault_injection import DoublingWithFault, kill_worker, sleep_for_ever, stop_process
 
 from satsep_ot.methods.parallel.executors import daskExecutor
 from satsep_ot.methods.parallel.function import FunctionChunkError, ParallelFunction
@@ -197,6 +197,15 @@ def test_a_chunk_that_fails_on_one_worker_is_tried_on_another(executor):
 
 def test_a_worker_that_hangs_is_ended(victims, tmp_path):
     function = ParallelFunction(doubled(tmp_path, sleep_for_ever, 150.0, 1), victims[1])
+    function.setChunkSize(10)
+    function.setTimeout(1.0)
+    assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)
+
+
+def test_a_worker_that_is_stopped_is_waited_for_no_longer_than_the_limit(victims, tmp_path):
+    """As by SIGSTOP, or on a machine that does not answer any more."""
+    _, executor = victims
+    function = ParallelFunction(doubled(tmp_path, stop_process, 150.0, 1), executor)
     function.setChunkSize(10)
     function.setTimeout(1.0)
     assert np.array_equal(function.evaluate(POINTS), 2.0 * POINTS)

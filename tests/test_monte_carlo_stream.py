@@ -303,6 +303,23 @@ def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path)
         made.run()
 
 
+def test_outputs_that_were_changed_are_refused(tmp_path):
+    made = stream(1000)
+    made.setCheckpointFile(tmp_path / "state.json")
+    made.setOutputFile(tmp_path / "runs.npy")
+    made.setProgressCallback(stop_at(50.0))
+    with pytest.raises(Stopped):
+        made.run()
+    part = tmp_path / "runs.npy.part"
+    content = bytearray(part.read_bytes())
+    content[len(content) // 2] ^= 1
+    part.write_bytes(content)
+    made.setProgressCallback(None)
+    ot.RandomGenerator.SetSeed(7)
+    with pytest.raises(ValueError, match=r"runs\.npy\.part is not as it was written; remove it and the checkpoint"):
+        made.run()
+
+
 def test_a_checkpoint_of_other_runs_is_refused(tmp_path):
     path = tmp_path / "state.json"
     made = stream(300)

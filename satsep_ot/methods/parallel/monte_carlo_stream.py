@@ -223,7 +223,7 @@ class MonteCarloStream(OpenTURNSObject):
         def check(chunk, result):
             return result if isinstance(result, str) else None
 
-        with self._closing(), self._keeping(progress), self._rowFile(progress.runs) as rows, progress.savedAtLast(rows):
+        with self._closing(), self._keeping(progress), self._rowFile(progress) as rows, progress.savedAtLast(rows):
             for chunk, (summaries, kept) in self._scheduler.run(Work(work), self._chunks(progress.runs), check):
                 if rows is not None:
                     rows.append(kept)
@@ -245,13 +245,14 @@ class MonteCarloStream(OpenTURNSObject):
                 names = list(self._work.function.getOutputDescription())
                 self._result = MonteCarloStreamResult(progress.summary, names, list(self._events))
 
-    def _rowFile(self, done):
+    def _rowFile(self, progress):
         """The file of rows, after those that are done; nothing where none is wanted or it is complete."""
+        done = progress.runs
         if self._file is None or (done == self._size and self._file.exists()):
             return contextlib.nullcontext()
         function = self._work.function
         width = function.getOutputDimension() + (function.getInputDimension() if self._keeps == "both" else 0)
-        return openRowFile(self._file, (self._size, width), done)
+        return openRowFile(self._file, (self._size, width), done, progress.checksum)
 
     def getResult(self) -> "MonteCarloStreamResult":
         """The :class:`MonteCarloStreamResult` of the last run."""
