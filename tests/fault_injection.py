@@ -98,3 +98,24 @@ def return_lock(values):
 
 def stop_process(values):
     os.kill(os.getpid(), signal.SIGSTOP)
+
+
+def die_while_writing(marker):
+    """A long result, of which half is written when this process is killed; where the marker is there, 7."""
+    if os.path.exists(marker):
+        return 7
+    with open(marker, "w", encoding="ascii"):
+        pass
+
+    def watch(task):
+        # The number of the system call, and its arguments: a file, an address, and the length of what is written.
+        call = []
+        while len(call) < 4 or int(call[3], 16) not in range(size, 2 * size):
+            time.sleep(1e-4)
+            with open(f"/proc/self/task/{task}/syscall", encoding="ascii") as stream:
+                call = stream.read().split()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    size = 300_000_000
+    threading.Thread(target=watch, args=(threading.get_native_id(),), daemon=True).start()
+    return bytes(size)

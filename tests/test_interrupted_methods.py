@@ -12,6 +12,9 @@ import pytest
 from satsep_ot import ActiveSubspaceAlgorithm, ActiveSubspaceReliability, MonteCarloStream
 from satsep_ot.openturns_adapter import callFunction, raiseInterrupt
 
+# An interrupt inside OpenTURNS' own code can leave it damaged, and all tests after it: in a process of their own.
+pytestmark = pytest.mark.slow
+
 SCRIPT = """
 import sys, time
 import numpy as np
@@ -70,7 +73,6 @@ def test_an_interrupt_never_ends_the_interpreter(task, function):
     assert interrupted(task, function, [0.3, 0.5]) == [(0, "interrupted 5\n", "")] * 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("task", ["subspace", "stream", "reliability"])
 @pytest.mark.parametrize("function", ["one", "many"])
 def test_an_interrupt_at_any_of_20_moments_ends_the_call_and_not_the_interpreter(task, function):

@@ -3,17 +3,19 @@
 import pickle
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Executor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from typing import Any
 
 from satsep_ot.methods.parallel.executors import processes
+from satsep_ot.methods.parallel.scheduler import endExecutor
 from satsep_ot.methods.parallel.worker import load
 from satsep_ot.model.separation_function import SeparationFunction
 from satsep_ot.studies.steps import Made, Step, StudySteps
 
 # How often processes may die, for want of memory or killed, before a study gives up.
 _ATTEMPTS = 3
+_WATCH = 2.0  # s between two looks at processes that may have died
 
 
 class StepError(RuntimeError):
@@ -31,7 +33,7 @@ class StepProcesses:
 
     def __init__(self, number: int) -> None:
         self._number = number
-        self._pool: Executor | None = None
+        self._pool: Any = None
 
     def __getstate__(self) -> dict[str, Any]:
         # Processes stay where they are.
@@ -81,7 +83,7 @@ class StepProcesses:
                     futures[self._submit(_make, payload, step)] = step
                 while waiting:
                     report(waiting[0].label, len(steps) - len(waiting))
-                    future = next(as_completed(futures))
+                    future = self._finished(futures)
                     made = future.result()
                     step = futures.pop(future)
                     waiting.remove(step)
@@ -113,7 +115,7 @@ class StepProcesses:
         for k in range(len(calls)):
             for attempt in range(_ATTEMPTS):
                 try:
-                    made = futures[k].result()
+                    made = self._finished([futures[k]]).result()
                     break
                 except BrokenProcessPool:
                     self.close()
@@ -130,7 +132,7 @@ class StepProcesses:
 
         def result():
             try:
-                return future.result()
+                return self._finished([future]).result()
             except BrokenProcessPool:
                 self.close()
                 return function(*arguments)
@@ -145,6 +147,27 @@ class StepProcesses:
         pool, self._pool = self._pool, None
         if pool is not None:
             pool.shutdown(cancel_futures=True)
+
+    def _finished(self, futures: Iterable[Future]) -> Future:
+        """The first of them that is finished.
+
+        Raises
+        ------
+        BrokenProcessPool
+            A process died, and the pool does not see it: it waits for the rest of what that one was writing.
+        """
+        are_missed = False
+        while True:
+            done, _ = wait(futures, timeout=_WATCH, return_when=FIRST_COMPLETED)
+            if done:
+                return next(iter(done))
+            pool, misses = self._pool, are_missed
+            are_missed = pool is None or not all(process.is_alive() for process in list(pool._processes.values()))
+            if are_missed and misses:
+                if pool is not None:
+                    self._pool = None
+                    endExecutor(pool)
+                raise BrokenProcessPool("a process died while it wrote its result")
 
     def _submit(self, function, *arguments):
         if self._pool is None:

@@ -534,7 +534,7 @@ def endExecutor(executor: Executor) -> None:
 def _killer(executor):
     """What kills the processes of an executor, which does not know them any more once it is shut down."""
     processes = list((getattr(executor, "_processes", None) or {}).values())
-    queue = getattr(executor, "_call_queue", None)
+    calls, results = getattr(executor, "_call_queue", None), getattr(executor, "_result_queue", None)
     manager = getattr(executor, "_executor_manager_thread", None)
 
     def kill():
@@ -546,8 +546,12 @@ def _killer(executor):
             manager.join(_MANAGER_SECONDS)
         if manager is not None and manager.is_alive():
             with contextlib.suppress(AttributeError, OSError):
+                # A process that was killed while it wrote has left half a result, whose rest is waited for as long as
+                # anybody may write.
+                results._writer.close()
+            with contextlib.suppress(AttributeError, OSError):
                 # The thread that fills the pipe of a pool waits for ever where nobody reads it any more.
-                queue._reader.close()
+                calls._reader.close()
             manager.join()
         for process in processes:
             process.join()
