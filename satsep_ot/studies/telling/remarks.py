@@ -20,11 +20,11 @@ from satsep_ot.studies.telling.words import (
 # How often the 95 % interval of ActiveSubspace held a probability that is known: (problem, repetitions, percent), as
 # tests/benchmarks/reliability_coverage.py printed it.
 COVERAGE = {
-    "lateral rate": ("reference-lateral-rate", 100, 98.0),
-    "spin": ("reference-spin", 100, 99.0),
-    "any requirement": ("reference-any-requirement", 40, 97.5),
-    "axial velocity": ("reference-axial-velocity", 100, 100.0),
-    "clearance": ("reference-clearance", 40, 100.0),
+    "lateral rate": ("reference-lateral-rate", 200, 98.0),
+    "spin": ("reference-spin", 200, 97.5),
+    "any requirement": ("reference-any-requirement", 200, 99.5),
+    "axial velocity": ("reference-axial-velocity", 200, 100.0),
+    "clearance": ("reference-clearance", 200, 99.0),
 }
 _SHOWN_CONTACTS = 8
 # Above this shape of the tail of the corrections' weights an interval is not reliable.
