@@ -602,3 +602,10 @@ def test_a_study_without_requirements_is_refused_before_it_begins(tmp_path, caps
         "satsep-ot: reference: the case has no requirements; give at least one [[requirements]]\n"
     )
     assert not (tmp_path / "results").exists()
+
+
+def test_what_is_not_compiled_is_told(monkeypatch, capsys):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    with printing.say_if_compiling(0.01):
+        time.sleep(0.3)
+    assert capsys.readouterr().err == f"{printing.NOT_COMPILED}\n"

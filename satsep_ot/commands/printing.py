@@ -1,5 +1,6 @@
 """What the commands print with: errors, the console, progress. Only what is called loads a library."""
 
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
@@ -9,6 +10,7 @@ from typing import Any
 from satsep_ot.model.text import printable
 
 COMPILING = "compiling the simulator, which the first run of all does once ..."
+NOT_COMPILED = "NUMBA_DISABLE_JIT is set: the simulator runs as plain Python, thousands of times slower ..."
 
 
 def fail(message: object, code: int) -> int:
@@ -36,8 +38,9 @@ def console() -> Any:
 
 @contextmanager
 def say_if_compiling(seconds: float = 2.0) -> Iterator[None]:
-    """Say after some seconds why it takes so long: only the first run of all compiles."""
-    timer = threading.Timer(seconds, lambda: print(COMPILING, file=sys.stderr, flush=True))
+    """Say after some seconds why it takes so long: the first run of all compiles, or nothing is compiled."""
+    reason = COMPILING if os.environ.get("NUMBA_DISABLE_JIT", "0") == "0" else NOT_COMPILED
+    timer = threading.Timer(seconds, lambda: print(reason, file=sys.stderr, flush=True))
     timer.daemon = True
     timer.start()
     try:
