@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
+from scipy.integrate import quad, trapezoid
 from scipy.interpolate import PchipInterpolator
 from separation_cases import general_separation, mixed_springs, symmetric_separation
 
@@ -205,7 +205,7 @@ def reference_with(table, interpolation=""):
 def test_check_shows_the_energy_by_both_interpolations_and_warns_where_it_matters(tmp_path, capsys):
     case = reference_with(COARSE)
     lines = reference_with(COARSE, 'interpolation = "lines"\n')
-    trapezoids = 4.0 * np.trapezoid([220.0, 215.0, 120.0, 55.0], [0.0, 8e-3, 15e-3, 30e-3])
+    trapezoids = 4.0 * trapezoid([220.0, 215.0, 120.0, 55.0], [0.0, 8e-3, 15e-3, 30e-3])
     path = tmp_path / "mine.toml"
     path.write_text(lines.text, encoding="utf-8")
     assert cli.main(["check", str(path)]) == 0
