@@ -283,17 +283,22 @@ def test_a_chunk_is_of_the_size_that_was_asked_for_in_any_order():
     assert set(sizes) == {250}
 
 
-def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path):
+def stopped_in_the_middle(folder):
+    """A stream with checkpoint and outputs, to be run again, and the file of the outputs so far."""
     made = stream(1000)
-    made.setCheckpointFile(tmp_path / "state.json")
-    made.setOutputFile(tmp_path / "runs.npy")
+    made.setCheckpointFile(folder / "state.json")
+    made.setOutputFile(folder / "runs.npy")
     made.setProgressCallback(stop_at(50.0))
     with pytest.raises(Stopped):
         made.run()
-    part = tmp_path / "runs.npy.part"
+    made.setProgressCallback(None)
+    return made, folder / "runs.npy.part"
+
+
+def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path):
+    made, part = stopped_in_the_middle(tmp_path)
     assert part.stat().st_size > 200
     os.truncate(part, 200)
-    made.setProgressCallback(None)
     ot.RandomGenerator.SetSeed(7)
     with pytest.raises(ValueError, match="shorter than the checkpoint says; remove both to begin anew"):
         made.run()
@@ -304,17 +309,10 @@ def test_outputs_that_are_shorter_than_the_checkpoint_says_are_refused(tmp_path)
 
 
 def test_outputs_that_were_changed_are_refused(tmp_path):
-    made = stream(1000)
-    made.setCheckpointFile(tmp_path / "state.json")
-    made.setOutputFile(tmp_path / "runs.npy")
-    made.setProgressCallback(stop_at(50.0))
-    with pytest.raises(Stopped):
-        made.run()
-    part = tmp_path / "runs.npy.part"
+    made, part = stopped_in_the_middle(tmp_path)
     content = bytearray(part.read_bytes())
     content[len(content) // 2] ^= 1
     part.write_bytes(content)
-    made.setProgressCallback(None)
     ot.RandomGenerator.SetSeed(7)
     with pytest.raises(ValueError, match=r"runs\.npy\.part is not as it was written; remove it and the checkpoint"):
         made.run()
